@@ -45,6 +45,15 @@ def test_two_tones_are_named_within_three_seconds(frequency: float, share: float
     assert "\n" not in found.sentence("m")
 
 
+@pytest.mark.parametrize("grows", [0.5, 1.0, 2.0])
+def test_two_tones_that_grow_are_called_nothing_else_before(grows: float) -> None:
+    t = times(6.0)
+    grown = np.clip(t / grows, 0.0, 1.0) * (tone(t) + second(t, 7.1, 0.4))
+    kinds = [found.kind for _, found in pushed(grown) if found is not None]
+    assert set(kinds) == {"tones"}
+    assert len(kinds) > 40
+
+
 def single() -> dict[str, Array]:
     """Return signals of one tone, whatever it does."""
     t = times(8.0)

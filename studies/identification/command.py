@@ -6,6 +6,7 @@ import argparse
 from atpid_common.arguments import file_path, whole
 from atpid_sim.display import counting
 from studies.identification.coverage import CASES, table
+from studies.identification.structures import structures
 from studies.selection_speed import into
 
 #: Lines of the page between which the table stands.
@@ -18,11 +19,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--signals", type=whole(1, 100_000), default=200, help="random tones of each kind")
     parser.add_argument("--seed", type=whole(0, 1_000_000), default=1, help="of the random numbers")
+    parser.add_argument(
+        "--structures", type=whole(1, 10_000), metavar="N", help="beside N random structures of several modes instead"
+    )
     parser.add_argument("--page", type=file_path, metavar="FILE", help="page whose table is made anew")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the table of docs/identification.md, and put it into a page."""
+    if args.structures is not None:
+        with counting("structures", args.structures) as count:
+            print("\n".join(structures(args.structures, args.seed, count)))
+        return 0
     with counting("kinds", len(CASES)) as count:
         text = "\n".join(table(args.signals, args.seed, count))
     print(text)

@@ -76,6 +76,10 @@ LINES: dict[str, tuple[Main, str]] = {
         control.main,
         "modes file CSV --container 1:z --force-at 2:z --modes 2 --damping-ratio 0.02 --scene SCENE --out YAML",
     ),
+    "modes fit": (
+        control.main,
+        "modes fit CSV --modes 2 --masses 0.3 1 --damping-ratio 0.02 --from 0 --to 9 --scene SCENE --out YAML",
+    ),
     "calibrate beam": (
         control.main,
         "calibrate beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",

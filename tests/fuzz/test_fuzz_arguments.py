@@ -68,7 +68,7 @@ def test_types(kind: object, allowed: list[str], impossible: list[str]) -> None:
     [
         ("load", "load --seconds nan", "--seconds: given nan; allowed: above 0 to 1e+06 s"),
         ("seeds", "seeds SCENE --margin -1", "--margin: given -1; allowed: 0 to 100"),
-        ("select", "select SCENE --method pca --amplitude-std nan", "--amplitude-std: given nan; allowed: 0 to 1000 m"),
+        ("select", "select SCENE --method pca --amplitude-std nan", "--amplitude-std: given nan; allowed: 0 to 1000"),
         ("extremes", "extremes --systems 0 --out DIR", "--systems: given 0; allowed: a whole number from 1"),
         ("extremes", "extremes --systems 1 --out mine.npz", "mine.npz: is a file; give a folder to --out"),
         (

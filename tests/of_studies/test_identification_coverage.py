@@ -28,6 +28,18 @@ def test_the_command_puts_its_table_into_a_page(
     assert lines[-3] in capsys.readouterr().out
 
 
+def test_modes_that_ring_do_not_spoil_what_excites(capsys: pytest.CaptureFixture[str]) -> None:
+    assert studies(["identification", "--structures", "8", "--seed", "1"]) == 0
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if "e-" in line]
+    assert len(rows) == 2  # support and force
+    assert sum(int(row[2]) for row in rows) == sum(int(row[3]) for row in rows) == 80
+    for row in rows:
+        assert float(row[4].split(", ")[1]) < 5e-3
+        assert float(row[6].split(", ")[1]) < 1.5e-3
+        assert float(row[5].split()[0]) > 80.0
+        assert float(row[7].split()[0]) > 80.0
+
+
 @pytest.mark.parametrize("name", sorted(set(coverage.CASES) - {HIDDEN}))
 def test_bars_hold_or_the_estimate_is_not_steady(name: str) -> None:
     found = coverage.coverage(name, 120, 31)

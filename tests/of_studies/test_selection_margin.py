@@ -99,6 +99,8 @@ def test_at_its_deadline_a_margin_states_what_it_holds_for(scene: Scene) -> None
     assert "not ended within 0.0005 s: the price of the margin is unknown" in searched.note
     assert "in 1 of 123 sampled systems" in margin.note  # the expected one
     assert "late: " in margin.note
+    assert safe.late
+    assert safe.note == f"the search {searched.note}; {margin.note}"
     assert "of 0.001 s" in margin.note
 
 

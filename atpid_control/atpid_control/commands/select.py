@@ -31,7 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choices = [name for name in methods() if name != "fixed"]
     add("--method", choices=choices, help="how the height is selected; default: the scene's controller")
     add("--map", type=file_path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
-    add("--amplitude-std", type=real(0.0, 1e3, "m"), default=0.0, metavar="S", help="of the amplitude [m]; default 0")
+    add(
+        "--amplitude-std", type=real(0.0, 1e3), default=0.0, metavar="S",
+        help="of the amplitude [m], or [N] under a force; default 0",
+    )  # fmt: skip
     add(
         "--margin",
         type=real(0.0, 100.0),
@@ -99,7 +102,7 @@ def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
 
 
 def steady_amplitude(scene: Scene) -> float:
-    """Return the support's amplitude in the middle of the steady window [m]; SelectionError where there is none."""
+    """Return the excitation's amplitude in the middle of the steady window [m or N]; SelectionError: there is none."""
     if not scene.excitation.is_tone:
         raise SelectionError(
             f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"

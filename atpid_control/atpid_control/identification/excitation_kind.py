@@ -32,8 +32,8 @@ _HARMONICS = (2.0, 3.0, 4.0, 5.0)
 _LEFT = 0.3
 #: What one tone leaves, over the effective value of another one that would count, up to which there is none [-].
 _ALONE = 0.5
-#: Gauss-Newton steps from the peaks of the spectrum; periods between looks; looks in a row that agree, and those that
-#: end a random signal.
+#: Gauss-Newton steps from the peaks of the spectrum; periods between looks; looks that agree, and those that end a
+#: random signal. One that does not agree takes as many off as agree.
 _STEPS, _BETWEEN, _AGREEING, _ENDING = 6, 1.0, 2, 4
 #: With more than this share of the samples missing it is not judged.
 _MISSING = 0.1
@@ -123,9 +123,13 @@ class ExcitationWatch:
             self._mixed = time + PERIODS / frequency
         elif now is not None and time < self._mixed:
             now = None  # a tone that ends within the time looked at leaves what looks random
-        differs = (now and now.kind) != (self.found and self.found.kind)
-        self._votes = self._votes + 1 if differs else 0
-        if self._votes >= (_ENDING if self.found and self.found.kind == "random" else _AGREEING) or not differs:
+        kind, before = now and now.kind, self.found and self.found.kind
+        self._votes = max(self._votes - _AGREEING, 0) if kind == before else self._votes + 1
+        # tones that grow or end look random for as long as that is within the time looked at
+        needed = _ENDING if before == "random" else PERIODS if kind == "random" else _AGREEING
+        if kind == before:
+            self.found = now
+        elif self._votes >= needed:
             self.found, self._votes = now, 0
 
     def _look(self, frequency: float) -> OtherExcitation | None:

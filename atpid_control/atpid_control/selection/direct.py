@@ -117,11 +117,13 @@ class DirectSelector:
         reduction = efficiency(found.amplitude, damper.closed_amplitude(given.amplitude))
         searched = _unfinished(_BARE * self._deadline) if best is None else _searched(best)
         held = guaranteed(found, deadline)
+        # begun with a first look alone the height may be far from the best: not to be stated among the stages only
+        note = held.note if best else f"the search {searched.note}; {held.note}"
         return Selection(
             found.height, found.amplitude, reduction, self.method,
             found.evaluations + (best.evaluations if best else 0), deadline.spent,
-            best.efficiency - reduction if best else math.nan, (searched, held), note=held.note,
-            late=deadline.passed(),
+            best.efficiency - reduction if best else math.nan, (searched, held), note=note,
+            late=deadline.passed() or best is None,
         )  # fmt: skip
 
 

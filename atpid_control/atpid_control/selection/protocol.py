@@ -64,7 +64,7 @@ class Selection:
     structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
     no_use: str = ""  # why the damper is of no use here, one line; empty: it is of use
     note: str = ""  # what the selection holds for, and what it fell short of
-    late: bool = False  # it took longer than the time it was given
+    late: bool = False  # it took longer than the time it was given, or left its search unfinished for it
 
 
 class HeightSelector(Protocol):
