@@ -25,7 +25,7 @@ from atpid_sim.kernel import inlined, kernel, lean
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
-#: Share of the pace of the fastest of several modes that counts: it is followed by order and error control.
+#: Share of the pace of the fastest of several modes that limits implicit steps: order and error control follow it.
 _MODAL_STEP = 0.5
 #: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
 _FIRST_CHECK = 100
@@ -194,7 +194,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     natural = math.sqrt(system.stiffness / system.beam_mass)
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
     own, rate = mode_paces(system.modes)
-    pace, implicit_pace = max(tone, natural, _MODAL_STEP * rate), max(tone, natural, _MODAL_STEP * own)
+    pace, implicit_pace = max(tone, natural, rate), max(tone, natural, _MODAL_STEP * own)
     rest = resting_place(system.modes, system)
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
     method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)
