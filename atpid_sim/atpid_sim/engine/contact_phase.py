@@ -21,7 +21,7 @@ from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
 from atpid_sim.engine.stepping import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
-from atpid_sim.kernel import inlined, kernel, lean
+from atpid_sim.kernel import inlined, kernel
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
@@ -143,7 +143,7 @@ def _after_acceptance(method, h, logarithm, previous):
     return h * min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
 
 
-@lean
+@kernel
 def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     """Enter one step into the energy ledger; `moving`: velocity of the ceiling [m/s]."""
     lost = flows.contact
@@ -156,7 +156,7 @@ def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     y[at.CEILING_WORK] -= moving * flows.impulse
 
 
-@lean
+@kernel
 def _observe(y, elapsed, begin, end):
     """Add one step to the observation window."""
     y[at.CONTACT_TIME] += elapsed
