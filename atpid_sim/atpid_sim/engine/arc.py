@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, END, OMEGA, PHASE, START
-from atpid_sim.kernel import inlined, kernel, lean
+from atpid_sim.kernel import inlined, kernel
 
 #: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
 _RESONANT = 0.03
@@ -55,7 +55,7 @@ class Arc(NamedTuple):
     modes: None  # one; `modal_arc.ModalArc` has several
 
 
-@lean
+@kernel
 def support_at(segment, tau):
     """Support displacement [m] and velocity [m/s] at local time tau [s] of a row of the drive table, (12,) float64."""
     u = segment[C0] + tau * (segment[C1] + tau * (segment[C2] + tau * segment[C3]))
@@ -69,7 +69,7 @@ def support_at(segment, tau):
     return u, velocity
 
 
-@lean
+@kernel
 def forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):
     """Particular solution and its velocity at tau, where the tone's part has this amplitude, changing at this rate."""
     angle = omega * tau + phase

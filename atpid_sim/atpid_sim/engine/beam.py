@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from atpid_sim.engine.modal_beam import modal_at, modal_bounded, modal_pace, modal_snap_bounded
 from atpid_sim.engine.vibration import free_vibration, growing_envelope, grown, higher
-from atpid_sim.kernel import chosen, inlined, lean
+from atpid_sim.kernel import chosen, inlined, kernel
 
 
-@lean
+@kernel
 def _forced_amplitude(arc, tau):
     """Amplitude of the forced part [m], in phase with sin and with cos, and its rate [m/s], at local time tau."""
     if arc.resonant:
@@ -20,7 +20,7 @@ def _forced_amplitude(arc, tau):
     return arc.q0_in + arc.q1_in * tau, arc.q0_out + arc.q1_out * tau, arc.q1_in, arc.q1_out
 
 
-@lean
+@kernel
 def _envelope(arc, q_in, q_out, tau, until, order):
     """Length that, times omega^order, bounds that derivative of the forced part from tau to `until` [m]."""
     if arc.resonant:
@@ -134,7 +134,7 @@ _snap_bounded = chosen(_one_snap_bounded, modal_snap_bounded)
 _pace = chosen(_one_pace, modal_pace)
 
 
-@lean
+@kernel
 def beam_at(arc, tau):
     """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units].
 
@@ -143,7 +143,7 @@ def beam_at(arc, tau):
     return _at(arc.modes, arc, tau)
 
 
-@lean
+@kernel
 def bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
@@ -155,7 +155,7 @@ def bounded_at(arc, tau, until):
     return _bounded(arc.modes, arc, tau, until)
 
 
-@lean
+@kernel
 def snap_bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
 
@@ -164,7 +164,7 @@ def snap_bounded_at(arc, tau, until):
     return _snap_bounded(arc.modes, arc, tau, until)
 
 
-@lean
+@kernel
 def fastest_of(arc):
     """Highest angular frequency of the tone and of all modes [rad/s]."""
     return _pace(arc.modes, arc)

@@ -21,11 +21,11 @@ from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
 from atpid_sim.engine.stepping import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
-from atpid_sim.kernel import inlined, kernel, lean
+from atpid_sim.kernel import inlined, kernel
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
-#: Share of the pace of the fastest of several modes that counts: it is followed by order and error control.
+#: Share of the pace of the fastest of several modes that limits implicit steps: order and error control follow it.
 _MODAL_STEP = 0.5
 #: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
 _FIRST_CHECK = 100
@@ -143,7 +143,7 @@ def _after_acceptance(method, h, logarithm, previous):
     return h * min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
 
 
-@lean
+@kernel
 def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     """Enter one step into the energy ledger; `moving`: velocity of the ceiling [m/s]."""
     lost = flows.contact
@@ -156,7 +156,7 @@ def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     y[at.CEILING_WORK] -= moving * flows.impulse
 
 
-@lean
+@kernel
 def _observe(y, elapsed, begin, end):
     """Add one step to the observation window."""
     y[at.CONTACT_TIME] += elapsed
@@ -194,7 +194,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     natural = math.sqrt(system.stiffness / system.beam_mass)
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
     own, rate = mode_paces(system.modes)
-    pace, implicit_pace = max(tone, natural, _MODAL_STEP * rate), max(tone, natural, _MODAL_STEP * own)
+    pace, implicit_pace = max(tone, natural, rate), max(tone, natural, _MODAL_STEP * own)
     rest = resting_place(system.modes, system)
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
     method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)

@@ -5,7 +5,7 @@ import math
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.stepping import trial_step
-from atpid_sim.kernel import kernel, lean
+from atpid_sim.kernel import kernel
 
 
 @kernel
@@ -38,7 +38,7 @@ def vanishing(method, segment, model, p, moment, h, motion, end, turning):
     return size
 
 
-@lean
+@kernel
 def static_overlap(law, p, push, within):
     """Overlap [m] at which the elastic force alone reaches `push` [N], to the relative accuracy `within`."""
     low, high = 1e-18, 1e3

@@ -8,7 +8,7 @@ from atpid_sim.contact.dispatch import restitution
 from atpid_sim.engine.columns import A0, A1, BEAM, BEAM_VELOCITY, C0, C2, END, OMEGA, START
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.modes import container_mass, resting_place
-from atpid_sim.kernel import lean
+from atpid_sim.kernel import kernel
 
 #: Share of the tolerance with which the contacts of an elastic grain are integrated, and the finest there is.
 _ELASTIC = 0.01
@@ -29,7 +29,7 @@ class ErrorControl(NamedTuple):
     displacement: float  # of the beam [m]
 
 
-@lean
+@kernel
 def control_of(table, system, law, p, rtol, budget, y):
     """`ErrorControl` of a run with force-based contacts from state y through the drive table."""
     overlap, velocity, displacement = _error_scale(table, system, law, p, y)
@@ -37,7 +37,7 @@ def control_of(table, system, law, p, rtol, budget, y):
     return ErrorControl(budget, rtol, contact_rtol, overlap, velocity, displacement)
 
 
-@lean
+@kernel
 def _error_scale(table, system, law, p, y):
     """Overlap [m], overlap velocity [m/s] and displacement [m] below which the errors of a contact count as absolute.
 
@@ -58,7 +58,7 @@ def _error_scale(table, system, law, p, y):
     return overlap, math.sqrt(pace * overlap), 1e-3 * motion / natural + overlap
 
 
-@lean
+@kernel
 def _contact_tolerance(system, law, p, rtol, overlap, velocity):
     """Tolerance for contacts: an error of the energy in one contact of an elastic grain lasts for 1 / (1 - e) more.
 

@@ -13,7 +13,7 @@ from atpid_sim.engine.safe_step import safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, joint_samples, record_extreme
 from atpid_sim.engine.state import steps_used
 from atpid_sim.engine.work import joined_work
-from atpid_sim.kernel import kernel, lean
+from atpid_sim.kernel import kernel
 
 #: Bounces that would all be over within this many radians of the fastest vibration are taken as one: the grain sticks.
 STICKING = 0.01
@@ -27,21 +27,21 @@ COLLAPSE = 50
 LOW = 1e-8
 
 
-@lean
+@kernel
 def begin_impact_row(y, n, segment):
     """At a row's start: a ceiling that has changed its velocity departs from the grain or hits it."""
     if n[at.MODE] == at.ON_CEILING and y[at.GRAIN_VELOCITY] - y[at.BEAM_VELOCITY] != segment[at.CEILING_VELOCITY]:
         n[at.MODE] = at.FREE
 
 
-@lean
+@kernel
 def is_held(segment, tau, system):
     """Whether floor and ceiling hold the grain: there is no clearance and the ceiling is not opening."""
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
     return segment[at.CEILING_VELOCITY] <= 0.0 and clearance <= NO_CLEARANCE * system.radius
 
 
-@lean
+@kernel
 def deepen_if_pressed(y, push, pace, system, law, p):
     """Enter that a held grain, shaken with `push` [N] and its weight, is pressed deeper than its radius, if it is.
 

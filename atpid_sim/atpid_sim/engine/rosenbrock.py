@@ -14,7 +14,7 @@ from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA, PHASE
 from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, rates_at
 from atpid_sim.engine.hermite import hermite, hermite_velocity
-from atpid_sim.kernel import inlined, kernel, lean
+from atpid_sim.kernel import inlined, kernel
 
 #: Relative distance over which the force is differenced; its error, 1e-8, is far below that of a step.
 _APART = 1e-4
@@ -62,7 +62,7 @@ def stiffness_and_damping(model, p, overlap, velocity):
     return stiff, force(law, overlap, 1.0, memory, p) - force(law, overlap, 0.0, memory, p)
 
 
-@lean
+@kernel
 def contact_pace(model, p, overlap, velocity):
     """Fastest rate of the contact's own motion and its undamped angular frequency [1/s]."""
     stiff, damp = stiffness_and_damping(model, p, overlap, velocity)

@@ -21,7 +21,7 @@ from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import SampleView, record_extreme
 from atpid_sim.engine.sections import enter_section, leave_section
 from atpid_sim.engine.state import steps_used
-from atpid_sim.kernel import kernel, lean
+from atpid_sim.kernel import kernel
 from atpid_sim.outcome import Outcome
 
 #: What `pass_sections` returns where the grain is in contact at the end.
@@ -39,7 +39,7 @@ class Fidelity(IntEnum):
     FINITE = 3  # contacts of finite duration from a table, others integrated
 
 
-@lean
+@kernel
 def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):
     """Count a new contact and log its time, wall and closing speed."""
     on_floor = n[at.MODE] == at.ON_FLOOR
@@ -56,7 +56,7 @@ def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):
     y[at.BEGUN] = now
 
 
-@lean
+@kernel
 def _resume_contact(y, n, segment, tau, diameter, law, p):
     """A force before the surfaces have parted: the energy entered as lost at detachment is stored again."""
     gap = y[at.GRAIN] - y[at.BEAM]
@@ -131,7 +131,7 @@ def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out,
     return tau
 
 
-@lean
+@kernel
 def _fault(fidelity, y, height, diameter):
     """Outcome that the present state amounts to, DONE where it is sound."""
     gap = y[at.GRAIN] - y[at.BEAM]
@@ -162,7 +162,7 @@ def open_length(segment, diameter):
     return 0.0 if segment[at.HEIGHT] <= diameter else (diameter - segment[at.HEIGHT]) / segment[at.CEILING_VELOCITY]
 
 
-@lean
+@kernel
 def _fast(system, law, p):
     """Closing speed from which on a contact may be deeper than the grain's radius: undamped, and with some to spare."""
     if law == IMPACT:

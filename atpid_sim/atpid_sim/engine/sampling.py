@@ -8,7 +8,7 @@ from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.beam import beam_at
 from atpid_sim.engine.hermite import cubic, hermite, hermite_velocity
-from atpid_sim.kernel import lean
+from atpid_sim.kernel import kernel
 
 
 class SampleView(NamedTuple):
@@ -20,7 +20,7 @@ class SampleView(NamedTuple):
     origin: float  # start of the row
 
 
-@lean
+@kernel
 def record_extreme(y, x):
     """Widen the observed range of the beam to contain x [m]."""
     if x < y[at.LOWEST]:
@@ -29,7 +29,7 @@ def record_extreme(y, x):
         y[at.HIGHEST] = x
 
 
-@lean
+@kernel
 def flight_extreme(y, arc, left, right, v_left, v_right):
     """Record the beam's turning point between two local times where its velocity changed sign."""
     s = left - v_left * (right - left) / (v_right - v_left)
@@ -44,7 +44,7 @@ def flight_extreme(y, arc, left, right, v_left, v_right):
     record_extreme(y, beam_at(arc, s)[0])
 
 
-@lean
+@kernel
 def step_extreme(y, h, x0, v0, a0, x1, v1, a1):
     """Record the turning point inside one contact step whose end velocities differ in sign."""
     left, right = 0.0, 1.0
@@ -61,7 +61,7 @@ def step_extreme(y, h, x0, v0, a0, x1, v1, a1):
     record_extreme(y, hermite(s, h, x0, v0, a0, x1, v1, a1))
 
 
-@lean
+@kernel
 def _write_sample(n, out, support, x, v, a, grain, ceiling):
     """Fill the next column of the sample series."""
     i = n[at.SAMPLE]
@@ -74,13 +74,13 @@ def _write_sample(n, out, support, x, v, a, grain, ceiling):
     n[at.SAMPLE] = i + 1
 
 
-@lean
+@kernel
 def next_sample(n, out, view):
     """Local time of the next sample [s]; infinity where there is none."""
     return view.first + n[at.SAMPLE] * view.period - view.origin if n[at.SAMPLE] < out.shape[1] else math.inf
 
 
-@lean
+@kernel
 def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gravity):
     """Write the samples of the flight (left, right] in local time; `grain`, `velocity` of the grain at `left`."""
     tau = next_sample(n, out, view)
@@ -93,7 +93,7 @@ def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gra
         tau = next_sample(n, out, view)
 
 
-@lean
+@kernel
 def joint_samples(n, out, view, segment, arc, right, side, diameter):
     """Write the samples up to local time `right` of beam and grain that move as one mass.
 
@@ -109,7 +109,7 @@ def joint_samples(n, out, view, segment, arc, right, side, diameter):
         tau = next_sample(n, out, view)
 
 
-@lean
+@kernel
 def contact_samples(n, out, view, segment, side, diameter, tau, elapsed, begin, end):
     """Write all samples in a contact step of `elapsed` [s] from local time tau on; returns the time of the next.
 

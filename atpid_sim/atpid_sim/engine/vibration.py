@@ -7,10 +7,10 @@ An arc is an `arc.Arc`, or a `modal_arc.ModeArc` of a structure of several modes
 import cmath
 import math
 
-from atpid_sim.kernel import inlined, lean
+from atpid_sim.kernel import inlined, kernel
 
 
-@lean
+@kernel
 def _second_remainder(z):
     """Return (e^z - 1 - z) / z^2, which does not cancel where z is small."""
     if abs(z.real) + abs(z.imag) > 0.25:
@@ -21,7 +21,7 @@ def _second_remainder(z):
     return 0.5 * complex(real, imag)
 
 
-@lean
+@kernel
 def grown(arc, s):
     """Amplitude and its rate close to resonance, s seconds after the start: q' = slow q + q0 + q1 s from q = 0."""
     q0, q1 = complex(arc.q0_in, arc.q0_out), complex(arc.q1_in, arc.q1_out)
@@ -31,7 +31,7 @@ def grown(arc, s):
     return q.real, q.imag, q_rate.real, q_rate.imag
 
 
-@lean
+@kernel
 def growing_envelope(arc, q_in, q_out, tau, until, order):
     """Return the same close to resonance: the amplitude grows by no more than the drive adds."""
     s, last = tau - arc.start, until - arc.start
@@ -45,7 +45,7 @@ def growing_envelope(arc, q_in, q_out, tau, until, order):
     return faster * (math.hypot(q_in, q_out) + (until - tau + order / arc.omega) * feed + ramp)
 
 
-@lean
+@kernel
 def free_vibration(arc, s):
     """Free vibration and its velocity, s seconds after the start of the arc."""
     angle = arc.damped * s
@@ -67,7 +67,7 @@ def free_vibration(arc, s):
     return x, v
 
 
-@lean
+@kernel
 def _overdamped(arc, s):
     """The same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
     fast = arc.decay + arc.damped

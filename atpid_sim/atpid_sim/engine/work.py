@@ -16,7 +16,7 @@ from atpid_sim.engine.modal_arc import mode_arc
 from atpid_sim.engine.modal_beam import mode_at
 from atpid_sim.engine.modes import from_joined
 from atpid_sim.engine.vibration import free_vibration, grown
-from atpid_sim.kernel import chosen, inlined, kernel, lean
+from atpid_sim.kernel import chosen, inlined, kernel
 
 # Gauss-Legendre, six points on [0, 1]
 NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
@@ -147,7 +147,7 @@ def _stretches(arc, natural, tone, left, right):
     return soon, late, max(tone, math.sqrt(natural)) + fast, slow
 
 
-@lean
+@kernel
 def _one_mode_work(y, arc, left, right):
     """Add the support's work and the beam's loss between two local times."""
     if math.isnan(y[at.INPUT]):
@@ -159,7 +159,7 @@ def _one_mode_work(y, arc, left, right):
     _add_work(y, arc, left, soon, fastest)
 
 
-@lean
+@kernel
 def _add_work(y, arc, left, right, pace):
     """Add both by Gauss-Legendre panels of 1.6 rad of `pace` [rad/s]."""
     if right <= left:
