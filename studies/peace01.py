@@ -47,14 +47,14 @@ EXAMPLE = "--order 63"
 
 
 class FixedStop(Integration):
-    """The benchmark, whose grain stays where it is: a section state has the modes only."""
+    """A scene whose grain stays where it is: a section state has the modes only."""
 
-    def __init__(self) -> None:
-        """Prepare the integration."""
-        super().__init__(benchmark(), "soft", _RTOL)
+    def __init__(self, scene: Scene, fidelity: str, place: float) -> None:
+        """Prepare the integration; place: displacement of the grain [m]."""
+        super().__init__(scene, fidelity, _RTOL)
         self.system = self.system._replace(grain_mass=_IMMOVABLE)
         flight = self.sections.flight.copy()
-        flight[columns.GRAIN] = GAP
+        flight[columns.GRAIN] = place
         self.sections = Sections(self.sections.places[:-2], flight)
 
 
@@ -69,6 +69,11 @@ def modes() -> tuple[Array, Array]:
     """Return the undamped angular frequencies (2,), and mass 2's displacement over mass 1's in each mode (2,)."""
     squares, shapes = np.linalg.eigh(STIFFNESS)
     return np.sqrt(squares), shapes[1] / shapes[0]
+
+
+def stopped() -> FixedStop:
+    """Return the benchmark's integration."""
+    return FixedStop(benchmark(), "soft", GAP)
 
 
 def benchmark() -> Scene:
@@ -236,7 +241,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Follow the curve by each method, print them beside each other."""
-    integration = FixedStop()
+    integration = stopped()
     integration.warm_up()
     branch(integration)
     begun = time.perf_counter()

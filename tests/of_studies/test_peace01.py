@@ -10,13 +10,13 @@ import pytest
 from atpid_control.cli import main
 from atpid_sim.scene import standard_bench
 from studies.cli import main as studies
-from studies.peace01 import FIRST, FixedStop, HarmonicBalance, branch, checked, distance, second_mass
+from studies.peace01 import FIRST, HarmonicBalance, branch, checked, distance, second_mass, stopped
 from studies.steady.command import compare
 
 
 def test_published_benchmark() -> None:
     """NLvib's PEACE01 against scipy's integration, and as a curve against harmonic balance of 25 orders."""
-    integration = FixedStop()
+    integration = stopped()
     curve = branch(integration)
     ratios = np.array([motion.conditions.frequency / FIRST for motion in curve.motions])
     assert ratios[[0, -1]] == pytest.approx([0.8, 1.4], rel=1e-9)

@@ -19,6 +19,9 @@ _BRANCH = 0.2
 _GROWTH = 1.5
 #: Largest multiplier above which a motion that is lost there was about to become unstable.
 _NEAR = 0.97
+#: Distances from a wall, over the motion's size, within which differences lie on both sides of a touch: instantaneous
+#: impacts, integrated contacts.
+_BOTH_SIDES = (1e-6, 3e-5)
 
 
 class Loss(Enum):
@@ -79,7 +82,7 @@ def find_cliff(
     reached = last.conditions.height == highest
     return Cliff(
         height=last.conditions.height,
-        loss=Loss.NONE if reached else _loss(last, beyond),
+        loss=Loss.NONE if reached else _loss(integration, last, beyond, resolution),
         heights=np.array([each.conditions.height for each in branch]),
         amplitudes=np.array([each.amplitude for each in branch]),
         largest=np.array([each.largest_multiplier for each in branch]),
@@ -106,8 +109,11 @@ def changed(integration: Integration, motion: PeriodicMotion, conditions: Condit
     return found if float(moved.max()) <= _BRANCH else None
 
 
-def _loss(last: PeriodicMotion, beyond: PeriodicMotion | None) -> Loss:
+def _loss(integration: Integration, last: PeriodicMotion, beyond: PeriodicMotion | None, resolution: float) -> Loss:
     """Return what ends a branch, from its last stable motion and the unstable one found just above, if any."""
+    clearance = ReturnMap(integration, last.conditions, last.phase, last.periods).clearance(last.section)
+    if clearance <= max(2.0 * resolution, _BOTH_SIDES[integration.fidelity != "impact"] * last.amplitude):
+        return Loss.GRAZING  # multipliers beside a touch are none
     if beyond is not None and sorted(beyond.walls) == sorted(last.walls):
         leading = beyond.multipliers[0]
     elif last.largest_multiplier >= _NEAR:
