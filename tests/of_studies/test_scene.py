@@ -273,9 +273,9 @@ def test_defaults_are_visible() -> None:
     assert keys == [
         "further_modes", "drive", "further_dampers", "container.side_friction", "container.slope",
         "contact.wall_young_modulus", "contact.wall_poisson_ratio", "contact.wall_stiffness",
-        "contact.wall_speed", "initial", "steady_window", "sensors.laser.rate",
-        "sensors.laser.noise", "sensors.laser.saturation", "sensors.accelerometer", "recording.block",
-        "recording.chunk", "seed", "faults",
+        "contact.wall_speed", "initial", "steady_window", "sensors.laser.noise",
+        "sensors.laser.saturation", "sensors.laser.rate", "sensors.load_cell", "sensors.accelerometer",
+        "recording.block", "recording.chunk", "seed", "faults",
     ]  # fmt: skip
     assert "steady_window = [14.0, 16.0]" in "\n".join(scene.defaults())
     full = load_scene(SCENES / "thesis_4_3.yaml")
