@@ -63,6 +63,6 @@ def test_enter_switches_the_motor_off_and_so_does_ctrl_c(stand: Terminal, emulat
     assert taken <= 0.22
     wait_until(lambda: "motor off" in stand.printed)
     stand.type("\x03")
-    assert stand.end() == 0
+    assert stand.end() == 0, stand.printed
     assert "Traceback" not in stand.printed
     assert yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())

@@ -48,6 +48,11 @@ class Orders:
         """Total harmonic distortion: root of the power of orders 2, 3, ... over the first [-]."""
         return float(np.sqrt(np.sum(self.amplitude[1:] ** 2)) / self.amplitude[0])
 
+    @property
+    def excitation_ratio(self) -> float:
+        """Amplitude of the first order over the excitation's [-]."""
+        return float(self.amplitude[0]) / self.excitation
+
 
 def orders(signals: Signals, count: int = 6) -> Orders:
     """Return orders 1 to `count` of the response, and the excitation's tone. Raises AnalysisError."""
