@@ -113,6 +113,46 @@ class Excitation:
     beam_amplitude: float
 
 
+class ExcitationCommand:
+    OFF: Final = 0
+    SINE: Final = 1
+    SWEEP: Final = 2
+    RANDOM: Final = 3
+    RECORDED: Final = 4
+    def __init__(self, *, header: Header = ..., sequence: int = ..., kind: int = ..., hold: bool = ..., amplitude: float = ..., frequency: float = ..., end_frequency: float = ..., duration: float = ..., seed: int = ..., file: str = ...) -> None: ...
+    header: Header
+    sequence: int
+    kind: int
+    hold: bool
+    amplitude: float
+    frequency: float
+    end_frequency: float
+    duration: float
+    seed: int
+    file: str
+
+
+class ExcitationState:
+    UNCONFIGURED: Final = 0
+    OFF: Final = 1
+    RAMPING: Final = 2
+    RUNNING: Final = 3
+    STOPPING: Final = 4
+    FAULT: Final = 5
+    def __init__(self, *, header: Header = ..., mode: int = ..., fault: str = ..., kind: int = ..., sequence: int = ..., held: bool = ..., amplitude: float = ..., frequency: float = ..., measured_amplitude: float = ..., measured_frequency: float = ..., output: float = ...) -> None: ...
+    header: Header
+    mode: int
+    fault: str
+    kind: int
+    sequence: int
+    held: bool
+    amplitude: float
+    frequency: float
+    measured_amplitude: float
+    measured_frequency: float
+    output: float
+
+
 class PlantTruth:
     def __init__(self, *, header: Header = ..., handshake: bool = ..., first_index: int = ..., rate: float = ..., excitation_amplitude: float = ..., excitation_frequency: float = ..., impacts: int = ..., input_energy: float = ..., beam_loss: float = ..., contact_loss: float = ..., ceiling_work: float = ..., stored_energy: float = ..., support: Sequence[float] = ..., beam: Sequence[float] = ..., grain: Sequence[float] = ..., ceiling: Sequence[float] = ...) -> None: ...
     header: Header
