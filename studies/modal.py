@@ -7,7 +7,6 @@ DOP853 without any event, so that the two share the scene's numbers and the cont
 
 import argparse
 import json
-import math
 import time
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -25,6 +24,7 @@ from atpid_sim.simulation.energy import mode_residuals
 from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.system import Array
+from studies.dampers.naive import Structure
 
 #: Arguments of the example in the help.
 EXAMPLE = "--systems 40 --seed 7"
@@ -69,21 +69,26 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([asdict(one) for one in compared]))
         return 0
     console = Console(width=100, highlight=False)
-    console.print(_table("structures of 2 to 8 modes against scipy", *_rows(compared)))
-    console.print(_table("cost of a run of 80 s", *_costs()))
+    console.print(table("structures of 2 to 8 modes against scipy", *_rows(compared)))
+    console.print(table("cost of a run of 80 s", *_costs()))
     return 0
+
+
+def further_modes(rng: np.random.Generator, count: int, highest: float) -> list[dict[str, float]]:
+    """Return random modes above the first one, up to `highest` times its frequency."""
+    return [
+        {
+            "mass": float(0.3 * 10.0 ** rng.uniform(-0.3, 1.3)), "frequency": float(5.5 * rng.uniform(1.3, highest)),
+            "damping_ratio": float(10.0 ** rng.uniform(-2.5, -1.0)), "drive_factor": float(rng.uniform(-0.4, 0.4)),
+        }
+        for _ in range(count)
+    ]  # fmt: skip
 
 
 def drawn(rng: np.random.Generator) -> Scene:
     """Return a random scene of 3 s: 2 to 8 modes, driven at the support or by a force, below or above resonance."""
     drive = str(rng.choice(["support", "force"]))
-    further = [
-        {
-            "mass": float(0.3 * 10.0 ** rng.uniform(-0.3, 1.3)), "frequency": float(5.5 * rng.uniform(1.3, 20.0)),
-            "damping_ratio": float(10.0 ** rng.uniform(-2.5, -1.0)), "drive_factor": float(rng.uniform(-0.4, 0.4)),
-        }
-        for _ in range(rng.integers(1, 8))
-    ]  # fmt: skip
+    further = further_modes(rng, int(rng.integers(1, 8)), 20.0)
     return standard_bench(
         further_modes=further, drive=drive, duration=3.0, steady_window=[2.0, 3.0], tolerance=1e-7,
         gravity=float(rng.choice([0.0, 9.81])),
@@ -117,18 +122,9 @@ def compare(scene: Scene) -> Compared:
 
 def naive_amplitude(scene: Scene) -> float:
     """Return the half peak-to-peak of the container in the steady window by scipy [m]."""
-    modes = [scene.beam, *scene.further_modes]
-    mass, stiffness, damping = (
-        np.array([getattr(mode, name) for mode in modes]) for name in ("mass", "stiffness", "damping")
-    )
-    factors = np.array([1.0, *(mode.drive_factor for mode in scene.further_modes)])
-    direct, rate = factors, 0.0 * factors
-    if scene.drive == "support":
-        factors[0] -= factors[1:].sum()
-        direct, rate = factors * stiffness, factors * damping
-    grain, gravity, n = scene.grain_mass, scene.gravity, len(modes)
-    omega, size = 2.0 * math.pi * scene.frequency_hz, scene.excitation.amplitude_points[0][1]
-    clearance = scene.ceiling.heights[0][1] - 2.0 * scene.grain.radius
+    one = Structure.of(scene)
+    n, gravity, grain, clearance = len(one.mass), one.gravity, one.grains[0], one.clearance[0]
+    none_held = np.zeros(1, bool)
     elastic, damped = contact_of(scene).parameters[:2]
 
     def push(overlap: float, closing: float) -> float:
@@ -137,16 +133,12 @@ def naive_amplitude(scene: Scene) -> float:
     def derivative(t: float, z: Array) -> Array:
         q, speed, x, v = z[:n], z[n : 2 * n], z[:n].sum(), z[n : 2 * n].sum()
         force = push(x - z[-2], v - z[-1]) - push(z[-2] - x - clearance, z[-1] - v)
-        u, w = size * math.sin(omega * t), size * omega * math.cos(omega * t)
-        a = (direct * u + rate * w - stiffness * q - damping * speed - force) / mass
-        a[0] -= gravity
+        a = one.accelerations(t, q, speed, none_held) - force / one.mass
         return np.concatenate((speed, a, [z[-1], force / grain - gravity]))
 
-    rest = -np.full(n, grain * gravity) / stiffness
-    rest[0] -= mass[0] * gravity / stiffness[0]
     begin, end = scene.steady_window
     motion = solve_ivp(
-        derivative, (0.0, end), np.concatenate((rest, np.zeros(n), [rest.sum(), 0.0])), "DOP853",
+        derivative, (0.0, end), one.start(), "DOP853",
         np.arange(begin, end, 1.0 / _RATE), rtol=_RTOL, atol=1e-12, max_step=_LONGEST,
     )  # fmt: skip
     return half_peak_to_peak(motion.y[:n].sum(axis=0))
@@ -190,10 +182,11 @@ def _costs() -> tuple[list[str], list[list[str]]]:
     return ["modes", *names], rows
 
 
-def _table(title: str, names: list[str], rows: list[list[str]]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    for name in names:
-        table.add_column(name, justify="left" if name == "" else "right", no_wrap=True)
+def table(title: str, names: list[str], rows: list[list[str]]) -> Table:
+    """Return a table for the terminal, its first column to the left."""
+    made = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
+    for number, name in enumerate(names):
+        made.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
-    return table
+        made.add_row(*row)
+    return made

@@ -14,9 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from atpid_common.arguments import whole
 from atpid_sim.kernel_inputs import dampers_of
@@ -26,6 +24,7 @@ from atpid_sim.simulation.integration import SUPPORT, Integration, Observation, 
 from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 from atpid_sim.system import Array
 from studies.dampers.naive import with_contacts, with_impacts
+from studies.modal import further_modes, table
 
 #: Arguments of the example in the help.
 EXAMPLE = "--systems 40 --wild 3000 --seed 7"
@@ -79,11 +78,11 @@ def run(args: argparse.Namespace) -> int:
     console = Console(width=100, highlight=False)
     if compared:
         console.print(
-            _table("structures with several dampers", ["", "impacts by scipy", "stiff contacts"], _rows(compared))
+            table("structures with several dampers", ["", "impacts by scipy", "stiff contacts"], _rows(compared))
         )
     if outcomes:
         console.print(
-            _table(
+            table(
                 "wild scenes", ["outcome of a wild scene", ""], [[name, str(n)] for name, n in outcomes.most_common()]
             )
         )
@@ -93,20 +92,14 @@ def run(args: argparse.Namespace) -> int:
             *(f"{what} [{unit}]" for what in ("equal:", "made:", "wide:") for unit in ("m", "-", "red.")),
         ]
         rows = [[f"{each:.3g}" for each in row.values()] for row in cells]
-        console.print(_table("one mass in several cells: height, spread, reduction", names, rows))
+        console.print(table("one mass in several cells: height, spread, reduction", names, rows))
     return 0
 
 
 def drawn(rng: np.random.Generator) -> Scene:
     """Return a random scene of 2 s: 1 to 4 modes, 2 to 5 grains, support or force, ceilings closed, low or high."""
     drive = str(rng.choice(["support", "force"]))
-    further = [
-        {
-            "mass": float(0.3 * 10.0 ** rng.uniform(-0.3, 1.3)), "frequency": float(5.5 * rng.uniform(1.3, 10.0)),
-            "damping_ratio": float(10.0 ** rng.uniform(-2.5, -1.0)), "drive_factor": float(rng.uniform(-0.4, 0.4)),
-        }
-        for _ in range(rng.integers(0, 4))
-    ]  # fmt: skip
+    further = further_modes(rng, int(rng.integers(0, 4)), 10.0)
     dampers = [
         {
             "mass_fraction": float(10.0 ** rng.uniform(-2.0, -0.8)), "height": _height(rng),
@@ -295,12 +288,3 @@ def _rows(compared: list[Compared]) -> list[list[str]]:
         ["ledger, worst", f"{max(one.residual for one in compared):.1e}", ""],
     ]
     return [*(list(row) for row in zip(names, impacts, contacts, strict=True)), *common]
-
-
-def _table(title: str, names: list[str], rows: list[list[str]]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    for number, name in enumerate(names):
-        table.add_column(name, justify="left" if number == 0 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table

@@ -19,6 +19,20 @@ def _cubic(arc, tau):
     return x, arc.p1 + tau * (2.0 * arc.p2 + tau * 3.0 * arc.p3), 2.0 * arc.p2 + 6.0 * tau * arc.p3
 
 
+@inlined
+def _driven(arc, tau):
+    """What is no free vibration: displacement, velocity, acceleration, and amplitude of the answer to the tone [m]."""
+    x, v, a = _cubic(arc, tau)
+    q = complex(0.0, 0.0)
+    if arc.tone:
+        q, q1, q2, _q3, turn = _answer(arc, tau)
+        rate = q1 + complex(0.0, arc.omega) * q
+        x += (q * turn).imag
+        v += (rate * turn).imag
+        a += ((q2 + complex(0.0, arc.omega) * (q1 + rate)) * turn).imag
+    return x, v, a, q
+
+
 @kernel
 def _answer(arc, tau):
     """Amplitude of the answer to the tone and its first three derivatives [m/s^k], complex, and the tone's phase."""
@@ -55,13 +69,7 @@ def _envelope(arc, q, tau, until, order):
 
 def modal_at(modes, arc, tau):
     """`beam.beam_at`."""
-    x, v, a = _cubic(arc, tau)
-    if arc.tone:
-        q, q1, q2, _q3, turn = _answer(arc, tau)
-        rate = q1 + complex(0.0, arc.omega) * q
-        x += (q * turn).imag
-        v += (rate * turn).imag
-        a += ((q2 + complex(0.0, arc.omega) * (q1 + rate)) * turn).imag
+    x, v, a, _q = _driven(arc, tau)
     for i in range(modes.shape[1]):
         mode = mode_arc(modes, i)
         y, y1 = free_vibration(mode, tau - arc.start)
@@ -71,14 +79,9 @@ def modal_at(modes, arc, tau):
 
 def modal_bounded(modes, arc, tau, until):
     """`beam.bounded_at`: the bound of a sum is the sum of the bounds; and `modal_arc.Fast`."""
-    x, v, a = _cubic(arc, tau)
+    x, v, a, q = _driven(arc, tau)
     bound = 6.0 * abs(arc.p3)
     if arc.tone:
-        q, q1, q2, _q3, turn = _answer(arc, tau)
-        rate = q1 + complex(0.0, arc.omega) * q
-        x += (q * turn).imag
-        v += (rate * turn).imag
-        a += ((q2 + complex(0.0, arc.omega) * (q1 + rate)) * turn).imag
         bound += arc.omega * arc.omega * arc.omega * _envelope(arc, q, tau, until, 3.0)
     fast_x = fast_v = fast_a = fast_bound = size = 0.0
     limit = FAST * FAST * arc.pace * arc.pace

@@ -13,9 +13,8 @@ from atpid_sim.engine import columns as at
 from atpid_sim.kernel import chosen, kernel
 from atpid_sim.system import System
 
-# Rows below those of the table: numbers of an arc, the modes at both ends of a step, one more set of coordinates, then
-# those of the stages of a step.
-_ARC, _ENDS, _COORDINATES, _STAGES, _ROWS = 0, 20, 32, 34, 64
+# Rows below those of the table: numbers of an arc, the modes at both ends of a step, then those of its stages.
+_ARC, _ENDS, _STAGES, _ROWS = 0, 20, 32, 104
 #: Columns of a mode in a contact: those of the state, and its acceleration.
 Q_ACCELERATION, END_ROWS = at.MODE_COLUMNS, at.MODE_COLUMNS + 1
 
@@ -77,12 +76,6 @@ def arc_row(modes):
 def end_row(modes, end):
     """First row of the modes (END_ROWS, modes) at an end of a contact's step: 0 or 1."""
     return _room(modes) + _ENDS + end * END_ROWS
-
-
-@kernel
-def coordinates_row(modes):
-    """First of two rows for displacements and velocities."""
-    return _room(modes) + _COORDINATES
 
 
 @kernel
