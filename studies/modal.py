@@ -33,7 +33,7 @@ _REPEATS, _COUNTS = 7, (1, 2, 4, 8)
 #: Relative change of the start, and of the amplitude up to which it is reproducible.
 _DISTURBANCE, _REPRODUCIBLE = 1e-6, 5e-4
 #: Relative tolerance and longest step [s] of scipy's run; samples a second of its amplitude.
-_RTOL, _LONGEST, _RATE = 1e-8, 2e-4, 4000.0
+_RTOL, _LONGEST, _RATE = 1e-11, 5e-5, 4000.0
 
 
 @dataclass(frozen=True)

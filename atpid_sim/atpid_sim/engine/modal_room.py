@@ -14,7 +14,7 @@ from atpid_sim.kernel import chosen, kernel
 from atpid_sim.system import System
 
 # Rows below those of the table: numbers of an arc, the modes at both ends of a step, then those of its stages.
-_ARC, _ENDS, _STAGES, _ROWS = 0, 20, 32, 104
+_ARC, _ENDS, _STAGES, _ROWS = 0, 20, 32, 62
 #: Columns of a mode in a contact: those of the state, and its acceleration.
 Q_ACCELERATION, END_ROWS = at.MODE_COLUMNS, at.MODE_COLUMNS + 1
 

@@ -7,29 +7,11 @@ what the modes have at the stages is kept in rows of the room (`modal_room`).
 
 import math
 
-import numpy as np
-
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, Rates, support_ahead
 from atpid_sim.engine.modal_room import Q_ACCELERATION, end_row, stage_row
 from atpid_sim.kernel import chosen, inlined, kernel
-
-#: Nodes, the stages' weights of the slopes before them, weights of the error.
-_STAGES = 7
-_NODES = np.array([0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0])
-_SLOPES = np.array([
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
-    [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
-    [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
-    [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
-    [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
-])  # fmt: skip
-_ERRORS = np.array([71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -0.025])
-# Rows of a stage: velocities and accelerations of the modes; in the first column what the stage has beside these.
-_PACE, _WEIGHT, _SPEED, _FASTER, _FORCE, _POWER, _SIGNAL, _SIGNAL_RATE, _STAGE_ROWS = range(2, 11)
 
 
 def _no_end(modes, y):
@@ -81,94 +63,195 @@ def modal_rates(model, p, u, w, end, overlap, velocity):
     return Rates(container, side * (container - grain), push, work, loss, (push - elastic) * velocity)
 
 
+@inlined
+def _forces(model, p, overlap, velocity):
+    """Force, power of its damping, and acceleration that the grain has of it and of its weight."""
+    push = force(model.law, overlap, velocity, model.memory, p)
+    elastic = 0.0 if model.hysteretic else force(model.law, overlap, 0.0, model.memory, p)
+    grain = push * (model.reduced_inverse - model.beam_inverse) - model.side * model.gravity
+    return push, (push - elastic) * velocity, grain
+
+
 @kernel
 def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
-    """One step of size h in the variable s; arguments and result as `dormand_prince.explicit_step`."""
-    modes, side, rates = model.modes, model.side, motion.rates
-    count, inverse = modes.shape[1], stage_row(modes)
-    now, end, first = end_row(modes, motion.end), end_row(modes, 1 - motion.end), inverse + 2
+    """One step of size h in the variable s; arguments and result as `dormand_prince.explicit_step`.
+
+    Velocities and accelerations of the modes at the stages are kept, and multiplied by the stages' paces when summed.
+    Written out: as a loop over a table of the stages it takes a quarter longer.
+    """
+    modes, side = model.modes, model.side
+    count, k = modes.shape[1], stage_row(modes)
+    now, end = end_row(modes, motion.end), end_row(modes, 1 - motion.end)
     tau, s, sine, cosine = moment
-    past, pace = s * s * s * s, 4.0 * h * s * s * s if smooth else h
-    u, w = support_ahead(segment, tau, 0.0, sine, cosine)
+    if smooth:
+        s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
+        z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
+        p1, p2, p3 = 4.0 * h * s * s * s, 4.0 * h * z2, 4.0 * h * z3
+        p4, p5, p6 = 4.0 * h * z4, 4.0 * h * z5, 4.0 * h * z6
+        past = s * s * s * s
+        t2, t3, t4, t5, t6 = z2 * s2 - past, z3 * s3 - past, z4 * s4 - past, z5 * s5 - past, z6 * s6 - past
+    else:
+        p1 = p2 = p3 = p4 = p5 = p6 = h
+        t2, t3, t4, t5, t6 = 0.2 * h, 0.3 * h, 0.8 * h, 8.0 / 9.0 * h, h
+    u1, w1 = support_ahead(segment, tau, 0.0, sine, cosine)
+    u2, w2 = support_ahead(segment, tau, t2, sine, cosine)
+    u3, w3 = support_ahead(segment, tau, t3, sine, cosine)
+    u4, w4 = support_ahead(segment, tau, t4, sine, cosine)
+    u5, w5 = support_ahead(segment, tau, t5, sine, cosine)
+    u6, w6 = support_ahead(segment, tau, t6, sine, cosine)
+    o1, r1, rates = motion.overlap, motion.velocity, motion.rates
+    b1, f1, c1 = rates.overlap_acceleration, rates.force, rates.contact_power
+    g1 = 0.2 * p1
+    o2 = o1 + (g1 * r1)
+    r2 = r1 + (g1 * b1)
+    _f2, _c2, grain = _forces(model, p, o2, r2)
+    thrust, container = side * _f2, 0.0
     for i in range(count):
-        modes[first, i], modes[first + 1, i] = modes[now + at.Q_RATE, i], modes[now + Q_ACCELERATION, i]
-    overlap, velocity, faster = motion.overlap, motion.velocity, rates.overlap_acceleration
-    _enter(modes, first, pace, velocity, faster, rates.force, rates.contact_power, u, w)
-    for stage in range(1, _STAGES):
-        row, pace, ahead = first + stage * _STAGE_ROWS, h, _NODES[stage] * h
-        if smooth:
-            here = s + ahead
-            cubed = here * here * here
-            pace, ahead = 4.0 * h * cubed, cubed * here - past
-        u, w = support_ahead(segment, tau, ahead, sine, cosine)
-        for j in range(stage):
-            before = first + j * _STAGE_ROWS
-            modes[before + _WEIGHT, 0] = _SLOPES[stage, j] * modes[before + _PACE, 0]
-        overlap = motion.overlap + _weighted(modes, first, stage, _SPEED, 0)
-        velocity = motion.velocity + _weighted(modes, first, stage, _FASTER, 0)
-        push = force(model.law, overlap, velocity, model.memory, p)
-        elastic = 0.0 if model.hysteretic else force(model.law, overlap, 0.0, model.memory, p)
-        thrust, container = side * push, 0.0
-        for i in range(count):
-            q = modes[now + at.Q, i] + _weighted(modes, first, stage, 0, i)
-            v = modes[now + at.Q_RATE, i] + _weighted(modes, first, stage, 1, i)
-            driven = modes[at.DIRECT, i] * u + modes[at.RATE, i] * w
-            pull = driven - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
-            a = (pull - thrust) * modes[inverse, i] - modes[at.WEIGHT, i]
-            modes[row, i], modes[row + 1, i] = v, a
-            modes[end + at.Q, i], modes[end + at.Q_RATE, i], modes[end + Q_ACCELERATION, i] = q, v, a
-            container += a
-        grain = push * (model.reduced_inverse - model.beam_inverse) - side * model.gravity
-        faster = side * container - grain
-        _enter(modes, row, pace, velocity, faster, push, (push - elastic) * velocity, u, w)
-    # the weights of the last stage are those of the result, which it is
-    contact, impulse = _weighted(modes, first, _STAGES - 1, _POWER, 0), _weighted(modes, first, _STAGES - 1, _FORCE, 0)
-    x = v = apart = sped = support = damper = 0.0
+        q = modes[now + at.Q, i] + (g1 * modes[now + at.Q_RATE, i])
+        v = modes[now + at.Q_RATE, i] + (g1 * modes[now + Q_ACCELERATION, i])
+        pull = modes[at.DIRECT, i] * u2 + modes[at.RATE, i] * w2 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[k + 2, i], modes[k + 3, i] = v, a
+        container += a
+    b2 = side * container - grain
+    g1, g2 = 3.0 / 40.0 * p1, 9.0 / 40.0 * p2
+    o3 = o1 + (g1 * r1 + g2 * r2)
+    r3 = r1 + (g1 * b1 + g2 * b2)
+    f3, c3, grain = _forces(model, p, o3, r3)
+    thrust, container = side * f3, 0.0
     for i in range(count):
-        work = pushed = loss = given = 0.0
-        for j in range(_STAGES - 1):
-            row = first + j * _STAGE_ROWS
-            weight, rate = modes[row + _WEIGHT, 0], modes[row, i]
-            work += weight * modes[row + _SIGNAL, 0] * rate
-            pushed += weight * modes[row + _SIGNAL_RATE, 0] * rate
-            loss += weight * rate * rate
-            given += weight * modes[row + _FORCE, 0] * rate
-        work = modes[at.DIRECT, i] * work + modes[at.RATE, i] * pushed
+        q = modes[now + at.Q, i] + (g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i])
+        v = modes[now + at.Q_RATE, i] + (g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i])
+        pull = modes[at.DIRECT, i] * u3 + modes[at.RATE, i] * w3 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[k + 4, i], modes[k + 5, i] = v, a
+        container += a
+    b3 = side * container - grain
+    g1, g2, g3 = 44.0 / 45.0 * p1, -56.0 / 15.0 * p2, 32.0 / 9.0 * p3
+    o4 = o1 + (g1 * r1 + g2 * r2 + g3 * r3)
+    r4 = r1 + (g1 * b1 + g2 * b2 + g3 * b3)
+    f4, c4, grain = _forces(model, p, o4, r4)
+    thrust, container = side * f4, 0.0
+    for i in range(count):
+        q = modes[now + at.Q, i] + (g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i])
+        v = modes[now + at.Q_RATE, i] + (
+            g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i]
+        )
+        pull = modes[at.DIRECT, i] * u4 + modes[at.RATE, i] * w4 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[k + 6, i], modes[k + 7, i] = v, a
+        container += a
+    b4 = side * container - grain
+    g1, g2, g3, g4 = 19372.0 / 6561.0 * p1, -25360.0 / 2187.0 * p2, 64448.0 / 6561.0 * p3, -212.0 / 729.0 * p4
+    o5 = o1 + (g1 * r1 + g2 * r2 + g3 * r3 + g4 * r4)
+    r5 = r1 + (g1 * b1 + g2 * b2 + g3 * b3 + g4 * b4)
+    f5, c5, grain = _forces(model, p, o5, r5)
+    thrust, container = side * f5, 0.0
+    for i in range(count):
+        q = modes[now + at.Q, i] + (
+            g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i] + g4 * modes[k + 6, i]
+        )
+        v = modes[now + at.Q_RATE, i] + (
+            g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i] + g4 * modes[k + 7, i]
+        )
+        pull = modes[at.DIRECT, i] * u5 + modes[at.RATE, i] * w5 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[k + 8, i], modes[k + 9, i] = v, a
+        container += a
+    b5 = side * container - grain
+    g1, g2, g3, g4, g5 = (
+        9017.0 / 3168.0 * p1,
+        -355.0 / 33.0 * p2,
+        46732.0 / 5247.0 * p3,
+        49.0 / 176.0 * p4,
+        -5103.0 / 18656.0 * p5,
+    )
+    o6 = o1 + (g1 * r1 + g2 * r2 + g3 * r3 + g4 * r4 + g5 * r5)
+    r6 = r1 + (g1 * b1 + g2 * b2 + g3 * b3 + g4 * b4 + g5 * b5)
+    f6, c6, grain = _forces(model, p, o6, r6)
+    thrust, container = side * f6, 0.0
+    for i in range(count):
+        q = modes[now + at.Q, i] + (
+            g1 * modes[now + at.Q_RATE, i]
+            + g2 * modes[k + 2, i]
+            + g3 * modes[k + 4, i]
+            + g4 * modes[k + 6, i]
+            + g5 * modes[k + 8, i]
+        )
+        v = modes[now + at.Q_RATE, i] + (
+            g1 * modes[now + Q_ACCELERATION, i]
+            + g2 * modes[k + 3, i]
+            + g3 * modes[k + 5, i]
+            + g4 * modes[k + 7, i]
+            + g5 * modes[k + 9, i]
+        )
+        pull = modes[at.DIRECT, i] * u6 + modes[at.RATE, i] * w6 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[k + 10, i], modes[k + 11, i] = v, a
+        container += a
+    b6 = side * container - grain
+    g1, g3, g4, g5, g6 = (
+        35.0 / 384.0 * p1,
+        500.0 / 1113.0 * p3,
+        125.0 / 192.0 * p4,
+        -2187.0 / 6784.0 * p5,
+        11.0 / 84.0 * p6,
+    )
+    o7 = o1 + (g1 * r1 + g3 * r3 + g4 * r4 + g5 * r5 + g6 * r6)
+    r7 = r1 + (g1 * b1 + g3 * b3 + g4 * b4 + g5 * b5 + g6 * b6)
+    f7, c7, grain = _forces(model, p, o7, r7)
+    thrust, container = side * f7, 0.0
+    for i in range(count):
+        q = modes[now + at.Q, i] + (
+            g1 * modes[now + at.Q_RATE, i]
+            + g3 * modes[k + 4, i]
+            + g4 * modes[k + 6, i]
+            + g5 * modes[k + 8, i]
+            + g6 * modes[k + 10, i]
+        )
+        v = modes[now + at.Q_RATE, i] + (
+            g1 * modes[now + Q_ACCELERATION, i]
+            + g3 * modes[k + 5, i]
+            + g4 * modes[k + 7, i]
+            + g5 * modes[k + 9, i]
+            + g6 * modes[k + 11, i]
+        )
+        pull = modes[at.DIRECT, i] * u6 + modes[at.RATE, i] * w6 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
+        a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
+        modes[end + at.Q, i], modes[end + at.Q_RATE, i], modes[end + Q_ACCELERATION, i] = q, v, a
+        container += a
+    b7 = side * container - grain
+    # weights of the result are g1 and g3 to g6; the error's follow
+    e1, e3, e4 = 71.0 / 57600.0 * p1, -71.0 / 16695.0 * p3, 71.0 / 1920.0 * p4
+    e5, e6, e7 = -17253.0 / 339200.0 * p5, 22.0 / 525.0 * p6, -0.025 * p6
+    x = v = apart = faster = support = damper = 0.0
+    for i in range(count):
+        v1, v3, v4, v5, v6 = (
+            modes[now + at.Q_RATE, i], modes[k + 4, i], modes[k + 6, i], modes[k + 8, i], modes[k + 10, i]
+        )  # fmt: skip
+        work = modes[at.DIRECT, i] * (g1 * u1 * v1 + g3 * u3 * v3 + g4 * u4 * v4 + g5 * u5 * v5 + g6 * u6 * v6)
+        work += modes[at.RATE, i] * (g1 * w1 * v1 + g3 * w3 * v3 + g4 * w4 * v4 + g5 * w5 * v5 + g6 * w6 * v6)
+        loss = g1 * v1 * v1 + g3 * v3 * v3 + g4 * v4 * v4 + g5 * v5 * v5 + g6 * v6 * v6
         loss *= modes[at.DAMPING, i]
+        given = side * (g1 * f1 * v1 + g3 * f3 * v3 + g4 * f4 * v4 + g5 * f5 * v5 + g6 * f6 * v6)
         modes[end + at.Q_INPUT, i] = modes[now + at.Q_INPUT, i] + work
         modes[end + at.Q_LOSS, i] = modes[now + at.Q_LOSS, i] + loss
-        modes[end + at.Q_CONTACT, i] = modes[now + at.Q_CONTACT, i] - side * given
+        modes[end + at.Q_CONTACT, i] = modes[now + at.Q_CONTACT, i] - given
         support, damper = support + work, damper + loss
-        x, v = x + modes[end + at.Q, i], v + modes[end + at.Q_RATE, i]
-    for j in range(_STAGES):
-        row = first + j * _STAGE_ROWS
-        modes[row + _WEIGHT, 0] = _ERRORS[j] * modes[row + _PACE, 0]
-    for i in range(count):
-        apart += _weighted(modes, first, _STAGES, 0, i) ** 2
+        speed = modes[end + at.Q_RATE, i]
+        x, v = x + modes[end + at.Q, i], v + speed
+        off = e1 * v1 + e3 * v3 + e4 * v4 + e5 * v5 + e6 * v6 + e7 * speed
+        apart += off * off
+        off = e1 * modes[now + Q_ACCELERATION, i] + e3 * modes[k + 5, i] + e4 * modes[k + 7, i]
+        off += e5 * modes[k + 9, i] + e6 * modes[k + 11, i] + e7 * modes[end + Q_ACCELERATION, i]
         # a velocity counts by the displacement it leads to
-        sped += _weighted(modes, first, _STAGES, 1, i) ** 2 / (modes[inverse, i] * modes[at.STIFFNESS, i])
+        faster += off * off / (modes[k, i] * modes[at.STIFFNESS, i])
     errors = Errors(
-        math.sqrt(apart), math.sqrt(sped * modes[inverse, 0] * modes[at.STIFFNESS, 0]),
-        _weighted(modes, first, _STAGES, _SPEED, 0), _weighted(modes, first, _STAGES, _FASTER, 0),
+        math.sqrt(apart), math.sqrt(faster * modes[k, 0] * modes[at.STIFFNESS, 0]),
+        e1 * r1 + e3 * r3 + e4 * r4 + e5 * r5 + e6 * r6 + e7 * r7,
+        e1 * b1 + e3 * b3 + e4 * b4 + e5 * b5 + e6 * b6 + e7 * b7,
     )  # fmt: skip
-    end_rates = Rates(container, faster, push, 0.0, 0.0, (push - elastic) * velocity)
-    reached = ContactState(x, v, overlap, velocity, end_rates, 1 - motion.end)
-    return reached, errors, Flows(contact, support, damper, impulse)
-
-
-@inlined
-def _enter(modes, row, pace, velocity, faster, push, power, u, w):
-    """Enter what a stage has beside its modes."""
-    modes[row + _PACE, 0], modes[row + _SPEED, 0], modes[row + _FASTER, 0] = pace, velocity, faster
-    modes[row + _FORCE, 0], modes[row + _POWER, 0] = push, power
-    modes[row + _SIGNAL, 0], modes[row + _SIGNAL_RATE, 0] = u, w
-
-
-@inlined
-def _weighted(modes, first, stages, column, i):
-    """Sum over the first stages of a number of theirs, each by its weight."""
-    total = 0.0
-    for j in range(stages):
-        row = first + j * _STAGE_ROWS
-        total += modes[row + _WEIGHT, 0] * modes[row + column, i]
-    return total
+    contact = g1 * c1 + g3 * c3 + g4 * c4 + g5 * c5 + g6 * c6
+    impulse = g1 * f1 + g3 * f3 + g4 * f4 + g5 * f5 + g6 * f6
+    end_rates = Rates(container, b7, f7, 0.0, 0.0, c7)
+    return ContactState(x, v, o7, r7, end_rates, 1 - motion.end), errors, Flows(contact, support, damper, impulse)
