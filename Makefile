@@ -32,12 +32,13 @@ stand-emulated: setup ## the whole stand without hardware: LabJack's package, re
 # The checks that run nothing, then the tests on every core; a file stays on one of them, since its tests share fixtures.
 # One worker more than there are cores, since tests of processes wait for half of their time.
 # A worker that crashes ends the run: xdist would wait for ever for the rest of its file.
+# One thread of linear algebra each: with one for each core they wait for each other, ten times as long on a busy machine.
 CHECKS = $(call stage,ruff check,ruff check .); \
 	$(call stage,ruff format,ruff format --check .); \
 	if python -c 'import numpy, sys; sys.exit(numpy.lib.NumpyVersion(numpy.__version__) < "2.4.0")'; then $(call stage,mypy,mypy --strict); \
 	else echo "== mypy: left out, this older numpy declares other types than the code is checked against"; fi; \
 	$(call stage,import rules,lint-imports --no-logo); echo "== pytest"
-PYTEST = python -m pytest -q -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
+PYTEST = env OPENBLAS_NUM_THREADS=1 python -m pytest -q -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
 
 .PHONY: test
 test: setup ## format, types, import rules, then all tests; stops at the first that fails

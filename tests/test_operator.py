@@ -246,7 +246,9 @@ def test_a_dead_motor_node_is_named_and_no_motion_permitted(desk: Desk, stand: S
 def test_a_stop_while_it_is_being_armed_has_the_last_word(desk: Desk, stand: Stand) -> None:
     desk.confirmed(lambda: desk.call("supervisor_node/stop"))
     stand.motor.send_signal(signal.SIGSTOP)  # so that the motor's answer is still to come
-    arming, stopping = desk.begin("supervisor_node/rearm"), desk.begin("supervisor_node/stop")
+    arming = desk.begin("supervisor_node/rearm")
+    desk.until(lambda: desk.permit or arming.done())  # two services have no order among them
+    stopping = desk.begin("supervisor_node/stop")
     states = len(desk.supervisor)
     desk.until(lambda: len(desk.supervisor) > states + 4)
     stand.motor.send_signal(signal.SIGCONT)
