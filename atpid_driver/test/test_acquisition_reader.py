@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock it measures."""
 
-import math
 import queue
 import threading
 import time
 from typing import Any, ClassVar
 
 import numpy as np
-import pytest
 from acquisition_rigs import channels
-from hypothesis import given
-from hypothesis import strategies as st
 
 from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
 from atpid_driver.acquisition.reader import Backoff, Reader
