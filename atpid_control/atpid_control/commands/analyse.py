@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--window",
         choices=WINDOWS,
-        default="hann",
-        help="boxcar: the excitation's period is the segment; default: hann",
+        default="",
+        help="boxcar: the excitation's period is the segment; local: it passes once; default: local or hann, by it",
     )
 
 
