@@ -38,7 +38,7 @@ class StreamClock:
     @property
     def late(self) -> float:
         """How much later than its stamp the first sample was taken [s]."""
-        return 0.0 if self.course is None else float(self.course[1][0])
+        return 0.0 if self.course is None else float(np.interp(0.0, *self.course))
 
     def times(self, place: Array) -> Array:
         """Return when samples were taken, after the first one's stamp [s]; `place`: after the first, in samples."""

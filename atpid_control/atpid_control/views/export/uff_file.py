@@ -68,7 +68,8 @@ def _channel(
             f"record {number} of {len(pieces)}, first index {first}, lost {table.lost} samples",
             f"rate {table.rate!r} Hz, first stamp {int(stamps[begin])} ns, skew {column.skew!r} s",
         )
-        _record(stream, about, number, node, column, float(time[begin]), 1.0 / (table.rate or 1.0), values[begin:end])
+        step = (1.0 + 1e-6 * table.drift_ppm) / (table.rate or 1.0)
+        _record(stream, about, number, node, column, float(time[begin]), step, values[begin:end])
 
 
 def runs(values: Any) -> Iterator[tuple[int, int]]:
