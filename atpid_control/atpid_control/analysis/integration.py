@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.signal import periodogram
+from scipy.signal.windows import tukey
 
 from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_sim.system import Array
@@ -29,13 +30,14 @@ def displacement_of(acceleration: Array, rate: float, corner: float) -> tuple[Ar
         if end - begin <= 3 * ends:
             continue
         part = acceleration[begin:end] - acceleration[begin:end].mean()
-        frequency = np.fft.rfftfreq(2 * len(part), 1.0 / rate)
+        part *= tukey(len(part), 2.0 * ends / len(part))  # an edge would be motion at any frequency
+        frequency = np.fft.rfftfreq(len(part), 1.0 / rate)
         share = np.sin(0.5 * math.pi * np.clip(frequency / corner - 1.0, 0.0, 1.0)) ** 2
-        lines = -share * np.fft.rfft(part, 2 * len(part)) / (2.0 * math.pi * np.maximum(frequency, corner)) ** 2
+        lines = -share * np.fft.rfft(part) / (2.0 * math.pi * np.maximum(frequency, corner)) ** 2
         inside = slice(begin + ends, end - ends)
-        found[inside] = np.fft.irfft(lines)[ends : len(part) - ends]
+        found[inside] = np.fft.irfft(lines, len(part))[ends : len(part) - ends]
         lines, density = periodogram(found[inside], rate, "hann")
-        used = len(part) - 2 * ends
+        used = end - begin - 2 * ends
         drift += used * float(density[lines < 2.0 * corner].sum() * lines[1])
         power, total = power + used * float(density.sum() * lines[1]), total + used
     if not total:

@@ -8,7 +8,7 @@ support is such a quotient, so that no peak is flattened and no window needed; t
 """
 
 import numpy as np
-from scipy.signal import welch
+from scipy.signal import periodogram
 
 from atpid_sim.system import Array
 
@@ -27,7 +27,7 @@ def passes_once(excitation: Array, rate: float) -> bool:
     if count < 64:
         return False
     quarters = (excitation[: 4 * count] - excitation.mean()).reshape(4, count)
-    powers = np.array([welch(one, rate, nperseg=count // 2)[1] for one in quarters])
+    powers = np.array([periodogram(one, rate, "hann")[1] for one in quarters])
     strongest = int(np.argmax(powers.sum(axis=1)))
     one, others = powers[strongest], np.delete(powers, strongest, axis=0).mean(axis=0)
     like = float(one @ others) / max(float(np.linalg.norm(one) * np.linalg.norm(others)), 1e-300)
