@@ -32,8 +32,8 @@ Delays = Callable[[np.random.Generator, Array], Array]
 
 
 def _usb(random: np.random.Generator, end: Array) -> Array:
-    """Return delays (n,) of a mean of 0.3 ms; one block in fifty has a heavy tail; for 50 s all are 5 ms late."""
-    begin = random.uniform(300.0, HOUR - 300.0)
+    """Return delays (n,), 0.3 ms in the mean; one in fifty has a heavy tail; for 50 s, anywhere, all are 5 ms more."""
+    begin = end[0] + random.uniform(-50.0, HOUR)
     tail = (random.random(end.size) < 0.02) * 1e-3 * random.pareto(1.5, end.size)
     return np.asarray(random.exponential(3e-4, end.size) + tail + 5e-3 * ((end > begin) & (end < begin + 50.0)))
 

@@ -19,8 +19,10 @@ _EXACT = 3e-9
 #: Seconds whose stamps make a clock's course; periods of its changes that are followed; the first seconds count less;
 #: those of which a device's node made a stamp, in a shorter record fewer [s].
 _FEWEST, _SLOWEST, _SETTLED, _WINDOW = 5, 300.0, 30, 120
-#: How far stamps may leave their line, and the drift of a crystal [s, -]: what goes beyond is a faulty clock.
-_STEP, _CRYSTAL = 5e-3, 2e-4
+#: How far most stamps may leave their course, and the drift of a crystal: what goes beyond is a faulty clock [s, -].
+_STEP, _MOST, _CRYSTAL = 5e-3, 0.9, 2e-4
+#: Fits of the course, and medians of what is left from which a second counts half.
+_TURNS, _WIDE = 6, 5.0
 #: Samples of the slowest channel on both sides from which a value is interpolated, and how finely it is before.
 _REACH, _FINE = 32, 4
 
@@ -70,15 +72,19 @@ def clock_of(index: NDArray[np.int64], stamp: NDArray[np.int64], rate: float) ->
     if len(at) < _FEWEST:
         return StreamClock(rate, error=float(np.ptp(late)))
     weight = np.minimum(1.0, (np.arange(1, len(at) + 1) / min(_SETTLED, len(at))) ** 2)
-    course = make_smoothing_spline(at, middle, weight, lam=(_SLOWEST / (2.0 * math.pi)) ** 4)(at)
-    left, drift = middle - course, float((course[-1] - course[0]) / (at[-1] - at[0]))
-    settled = np.abs(left[weight >= 0.5])
-    if abs(drift) > _CRYSTAL or settled.max() > _STEP:
+    course, trust = middle, weight
+    for _ in range(_TURNS):  # what lies off the course counts less, as under a Cauchy distribution
+        course = make_smoothing_spline(at, middle, trust, lam=(_SLOWEST / (2.0 * math.pi)) ** 4)(at)
+        left = np.abs(middle - course)
+        settled = float(np.median(left[weight >= 0.5]))
+        trust = np.maximum(weight / (1.0 + (left / max(_WIDE * settled, _EXACT)) ** 2), 1e-9)
+    drift = float((course[-1] - course[0]) / (at[-1] - at[0]))
+    if abs(drift) > _CRYSTAL or np.quantile(left[weight >= 0.5], _MOST) > _STEP:
         return StreamClock(rate, error=math.nan)
     ends = np.array([elapsed[0] - 1.0, *at[1:-1], elapsed[-1] + 1.0])  # the spline's ends are straight
     slopes = np.diff(course[[0, 1, -2, -1]])[[0, 2]] / np.diff(at[[0, 1, -2, -1]])[[0, 2]]
     course[[0, -1]] += slopes * (ends[[0, -1]] - at[[0, -1]])
-    error = float(np.median(settled)) / 0.6745 * math.sqrt(1.0 + _WINDOW / len(at))
+    error = settled / 0.6745 * math.sqrt(1.0 + _WINDOW / len(at))
     return StreamClock(rate / (1.0 + drift), drift, error, rate, (ends, course))
 
 
