@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from atpid_common.arguments import file_path, whole
@@ -28,6 +29,7 @@ WIDTH, AT = 1.959964, 100.0
 EXAMPLE = "--pairs 1 --signals 5"
 #: Largest drift of a crystal [-], and the change of it by temperature within the hour [-].
 DRIFT, WANDER = 40e-6, 0.3e-6
+Flags = NDArray[np.bool_]
 Delays = Callable[[np.random.Generator, Array], Array]
 
 
@@ -61,22 +63,22 @@ def clock_errors(
 ) -> tuple[Array, float, float]:  # fmt: skip
     """Return an hour's errors of the times read from a bag, second by second (k,) [s], the stated one, and ppm."""
     clock, drift, turn = DeviceClock(), random.uniform(-DRIFT, DRIFT), random.uniform(0.0, TAU)
-    index = np.arange(round(HOUR / block))
+    index = np.arange(round(HOUR / block), dtype=np.int64)
 
     def true(device: Array) -> Array:
         bend = wander * HOUR / TAU * (np.cos(turn) - np.cos(TAU * device / HOUR + turn))
         return np.asarray(1000.0 + device * (1.0 + drift) + bend)
 
-    end = (index + 1) * block
+    end = np.asarray((index + 1) * block, dtype=np.float64)
     arrival = true(end) + delays(random, true(end))
     stamps = np.empty(index.size, dtype=np.int64)
     for place, (device, host) in enumerate(zip(end.tolist(), arrival.tolist(), strict=True)):
         clock.add(device, host)
         stamps[place] = clock.stamp_ns(device - block)
     found = clock_of(index * round(1e4 * block), stamps, 1e4)
-    at = np.arange(0.0, HOUR - 1.0)
+    at: Array = np.arange(0.0, HOUR - 1.0)
     begin = (int(stamps[0]) - time_base_ns()) * 1e-9
-    mean = float(np.ptp(true(at[[0, -1]]))) / (at[-1] - at[0]) - 1.0
+    mean = float(np.ptp(true(np.array([0.0, HOUR - 2.0])))) / (at[-1] - at[0]) - 1.0
     return begin + found.times(at * 1e4) - true(at), found.error, 1e6 * (found.drift - mean)
 
 
@@ -96,7 +98,7 @@ def clocks(pairs: int, seed: int) -> Iterator[str]:
                f"{np.median(stated):.3f} |")  # fmt: skip
 
 
-def sweep_held(random: np.random.Generator, seconds: float, noise: float) -> tuple[Array, Array, float]:
+def sweep_held(random: np.random.Generator, seconds: float, noise: float) -> tuple[Flags, Flags, float]:
     """Return for the lines swept (k,) whether the intervals of size and phase hold, and how far the peak is off [-].
 
     A random beam and grain as one mass under a support that is swept at constant amplitude; both lasers have noise [m].
@@ -109,8 +111,8 @@ def sweep_held(random: np.random.Generator, seconds: float, noise: float) -> tup
     top, bottom, _ = cont2discrete(([2 * damping * omega, omega**2], [1.0, 2 * damping * omega, omega**2]),
                                    0.25 / rate, "foh")  # fmt: skip
     beam = lfilter(top.ravel(), bottom, support)
-    measured = (one[::4] + random.normal(0.0, noise, len(one[::4])) for one in (support, beam))
-    found = frequency_response(Signals(rate, *measured))
+    given, answer = (one[::4] + random.normal(0.0, noise, len(one[::4])) for one in (support, beam))
+    found = frequency_response(Signals(rate, given, answer))
     assert found.local is not None
     swept = (found.frequency > 1.02 * low * natural) & (found.frequency < 0.98 * high * natural)
     ratio = 1j * found.frequency / natural

@@ -200,7 +200,6 @@ class _Samples:
             known = segment.rate, segment.offset, segment.jump, segment.first
             self.tables.append(Table(name, self._topic, self._type, columns, *known))
         table, first, step = self.tables[segment.number], int(block.first_index), 1e9 / segment.rate
-        table.end_at(first, stamp_of(block))
         if first > segment.due[0]:
             yield from self._gap(table, *segment.due, first - segment.due[0], step)
         yield self._piece(table, first, _stamps(stamp_of(block), np.arange(scans_of(block)), step), _values(block))

@@ -20,8 +20,6 @@ from atpid_control.runs.decode import Decoder
 
 #: Type of a column of texts.
 TEXT = np.dtype(object)
-#: Seconds after which the stamps of a stream follow its device's clock.
-_SETTLED = 20.0
 #: Origin of the simulated plant's own motion; sensors have the last word of their topic, such as `laser`.
 TRUTH = "truth"
 #: Columns every table begins with. `time` is what one plots over; `stamp` is exact.
@@ -67,25 +65,6 @@ class Table:
     rows: int = 0
     gaps: list[tuple[int, int]] = field(default_factory=list)  # (first index, how many samples) that were lost
     left_out: Counter[str] = field(default_factory=Counter)  # messages that cannot be used: how many, by reason
-    ends: list[tuple[int, int]] = field(default_factory=list)  # index and stamp [ns] of blocks: first, settled, last
-
-    def end_at(self, index: int, stamp_ns: int) -> None:
-        """Note the block that begins at an index: the last so far."""
-        self.ends = self.ends or [(index, stamp_ns)] * 2
-        if len(self.ends) == 2 and index - self.first_index >= _SETTLED * (self.rate or 1.0):
-            self.ends.insert(1, (index, stamp_ns))
-        self.ends[-1] = index, stamp_ns
-
-    @property
-    def drift_ppm(self) -> float:
-        """How much slower the clock of its indices is than that of its stamps, once these have settled [ppm]."""
-        if not self.rate or not self.ends or self.ends[-1][0] == self.ends[0][0]:
-            return 0.0
-        settled = self.ends[-1][0] - self.ends[0][0] >= 2.0 * _SETTLED * self.rate
-        (index, stamp), (last, until) = self.ends[-2 if settled else 0], self.ends[-1]
-        drift = 1e6 * ((until - stamp) * 1e-9 * self.rate / (last - index) - 1.0)
-        # stamps are whole nanoseconds
-        return drift if abs(drift) > 3e-3 * max(1.0, self.rate / (last - index)) else 0.0
 
     @property
     def lost(self) -> int:
@@ -106,7 +85,6 @@ class Table:
         """Return what is not in the columns, as plain values."""
         return {
             "topic": self.topic, "type": self.type, **({} if self.rate is None else {"rate": self.rate}),
-            **({"clock_drift_ppm": self.drift_ppm} if self.drift_ppm else {}),
             "lost": self.lost, "gap_first_index": [first for first, _ in self.gaps],
             "gap_samples": [count for _, count in self.gaps],
             "left_out": self.left_out.total(), "left_out_reasons": sorted(self.left_out),

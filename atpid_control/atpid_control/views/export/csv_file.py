@@ -50,8 +50,6 @@ def _description(source: Source, table: Table) -> Iterator[str]:
     yield f"time 0 is the stamp {source.start_ns} ns"
     if table.rate is not None:
         yield f"rate: {table.rate!r} Hz; lost: {table.lost} samples, whose rows are there with empty cells"
-        if table.drift_ppm:
-            yield f"the device's clock is slower than that of the times by {table.drift_ppm:.3f} ppm"
         yield from (f"lost: {count} samples from index {first} on" for first, count in table.gaps)
     for column in table.columns:
         text = f"{column.name}: {column.description}" + (f"; sampled {column.skew!r} s later" if column.skew else "")

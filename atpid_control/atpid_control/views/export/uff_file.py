@@ -68,7 +68,8 @@ def _channel(
             f"record {number} of {len(pieces)}, first index {first}, lost {table.lost} samples",
             f"rate {table.rate!r} Hz, first stamp {int(stamps[begin])} ns, skew {column.skew!r} s",
         )
-        step = (1.0 + 1e-6 * table.drift_ppm) / (table.rate or 1.0)
+        steps = end - 1 - begin  # on the time base of the stamps
+        step = float(time[end - 1] - time[begin]) / steps if steps else 1.0 / (table.rate or 1.0)
         _record(stream, about, number, node, column, float(time[begin]), step, values[begin:end])
 
 
