@@ -21,12 +21,14 @@ _FIRST, _USUAL = 5, 50e-6
 TIME_BASE = "ATPID_TIME_BASE_NS"
 
 
-def time_base_ns() -> int:
-    """Return stamp minus steady clock [ns]: taken once, and inherited by the processes started later.
+def time_base_ns(*, anew: bool = False) -> int:
+    """Return stamp minus steady clock [ns]: taken once, or `anew`, and inherited by the processes started later.
 
     A wall clock that is set or slewed meanwhile moves no stamp.
     """
-    return int(os.environ.setdefault(TIME_BASE, str(time.time_ns() - time.monotonic_ns())))
+    if anew or TIME_BASE not in os.environ:
+        os.environ[TIME_BASE] = str(time.time_ns() - time.monotonic_ns())
+    return int(os.environ[TIME_BASE])
 
 
 class DeviceClock:

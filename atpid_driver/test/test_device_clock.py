@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from atpid_driver.clock import DeviceClock, time_base_ns
+from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
 STEP = 0.05
 
@@ -74,6 +74,7 @@ def test_time_zero_is_before_the_start_returned() -> None:
 
 
 def test_a_wall_clock_that_is_set_moves_no_stamp(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TIME_BASE, str(time.time_ns() - time.monotonic_ns()))
     base, clock, now = time_base_ns(), DeviceClock(), time.time_ns()
     clock.add(0.0, 50.0)
     before = clock.stamp_ns(0.0)
@@ -81,3 +82,5 @@ def test_a_wall_clock_that_is_set_moves_no_stamp(monkeypatch: pytest.MonkeyPatch
     clock.add(1.0, 51.0)
     assert clock.stamp_ns(1.0) - before == 10**9
     assert time_base_ns() == base
+    assert time_base_ns(anew=True) == pytest.approx(base + 3600 * 10**9, abs=10**10)
+    assert time_base_ns() == time_base_ns()

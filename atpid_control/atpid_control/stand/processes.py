@@ -97,6 +97,7 @@ class Processes:
         self.nodes: list[NodeProcess] = []
 
     def __enter__(self) -> Processes:
+        time_base_ns(anew=True)  # which the nodes inherit, those started again, too
         try:
             for name, command in self._commands:
                 log = self._logs / f"{name}.log" if self._logs else None
