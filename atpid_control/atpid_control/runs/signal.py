@@ -20,7 +20,7 @@ _EXACT = 3e-9
 #: those of which a device's node made a stamp, in a shorter record fewer [s].
 _FEWEST, _SLOWEST, _SETTLED, _WINDOW = 5, 300.0, 30, 120
 #: How far most stamps may leave their course, and the drift of a crystal: what goes beyond is a faulty clock [s, -].
-_STEP, _MOST, _CRYSTAL = 5e-3, 0.9, 2e-4
+_STEP, _MOST, _CRYSTAL = 5e-3, 0.8, 2e-4
 #: Fits of the course, and medians of what is left from which a second counts half.
 _TURNS, _WIDE = 6, 5.0
 #: Samples of the slowest channel on both sides from which a value is interpolated, and how finely it is before.

@@ -264,7 +264,9 @@ class Dialogue:
         self._judge_delay(answer.request, now)
         if isinstance(answer.reply, StateReply):
             self._clock.add(answer.reply.uptime, now)
-            self._take(answer.reply)
+            taken = self._clock.steady(answer.reply.uptime) - 0.5 * self._least_trip
+            # whatever the board's clock is, it was after the request and before the answer
+            self._take(answer.reply, min(max(taken, answer.request.asked), now))
             if self._moving and self._moving.not_after(answer.request) and answer.reply.mode not in _IN_MOTION:
                 self._moving = None
         elif answer.reply in (Refusal("SESSION"), Refusal("OLD")):
@@ -369,7 +371,7 @@ class Dialogue:
                 "its motor cannot: it is identified again"
             )
 
-    def _take(self, reply: StateReply) -> None:
+    def _take(self, reply: StateReply, steady: float) -> None:
         self._check_plausible(reply)
         speed = self._settings.speed if reply.mode is Mode.MOVING else 0.0
         upward = reply.target > reply.height
@@ -386,7 +388,7 @@ class Dialogue:
             speed=self._settings.speed,
             sequence=self._sequence,
             time=reply.uptime,
-            steady=self._clock.steady(reply.uptime) - (0.5 * self._least_trip if self._least_trip < inf else 0.0),
+            steady=steady,
         )
         if self._found_again:
             until = f" until ~/rearm: {in_words(self.reading.faults)}" if self.reading.faults else ""
