@@ -31,6 +31,7 @@ COMMANDS: Commands = {
     },
     "The stand": {
         "identification": ("studies.identification.command", "how often the identifier's error bars hold the truth"),
+        "time-base": ("studies.time_base", "clocks of two devices, sweeps and accelerations against their error bars"),
         "faults": ("studies.fault_matrix.command", "run the fault matrix through the graph, and make its page"),
         "soak": ("studies.soak.command", "run the bench for hours: what grows, what is lost, which rule is broken"),
         "stops": ("studies.stops", "times from a stop to the motor off, on lines that delay, lose and garble"),

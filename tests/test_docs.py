@@ -58,6 +58,9 @@ RUN = {
     "tests/of_studies/test_identification_coverage.py": {
         r"python -m studies identification ": "test_the_command_puts_its_table_into_a_page"
     },
+    "tests/of_studies/test_time_base.py": {
+        r"python -m studies time-base": "test_the_command_puts_its_table_into_a_page"
+    },
     "tests/of_studies/test_designs.py": {r"python -m studies designs": "test_the_command_prints_its_tables"},
     "tests/of_studies/test_dampers.py": {r"python -m studies dampers": "test_the_tables_are_printed"},
     "tests/of_studies/test_modal.py": {r"python -m studies modes": "test_the_tables_show_what_a_mode_costs"},

@@ -242,3 +242,26 @@ def test_rumble_is_an_event_with_the_stamp_of_an_estimate(stand: Stand) -> None:
     assert rumble.severity == Event.WARNING
     assert rumble.value >= 0.06
     assert rumble.header.stamp in [estimate.header.stamp for estimate in stand.estimates[-2:]]
+
+
+def test_an_acceleration_gives_the_displacements_estimate_or_a_line(stand: Stand) -> None:
+    node = stand.identifier()
+    stand.shake_hands()
+    random, omega, lines = np.random.default_rng(1), 2 * np.pi * 5.49, list[str]()
+    for first in range(0, 1000, 50):
+        block = sample_block(first, {"support_displacement": -(omega**2) * sine(first, 50, 0.015)})
+        block.units = ["m/s^2"]
+        answer = stand.ask(block)
+    assert answer.quality == Excitation.STEADY
+    assert answer.amplitude == pytest.approx(0.015, rel=1e-6)
+    stand.until(lambda: stand.events)
+    assert stand.events[0].text == "excitation is now 0.01500 m at 5.490 Hz"
+    for first in range(1000, 2000, 50):
+        block = sample_block(first, {"support_displacement": sine(first, 50, 0.1) + random.normal(0.0, 0.15, 50)})
+        block.units = ["m/s^2"]
+        answer = stand.ask(block)
+        if node.last_error:
+            lines.append(node.last_error)
+            assert answer.quality == Excitation.NONE
+    assert lines
+    assert all(line.startswith("acceleration: given a tone at") for line in lines)

@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock it measures."""
 
-import math
 import queue
 import threading
 import time
 from typing import Any, ClassVar
 
 import numpy as np
-import pytest
 from acquisition_rigs import channels
-from hypothesis import given
-from hypothesis import strategies as st
 
 from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
-from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.reader import Backoff, Reader
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
@@ -174,30 +169,6 @@ def test_a_bug_in_a_backend_is_reported() -> None:
     watch = Watch(Broken(SimulatedSettings(channels=channels(0, "x"), rate=1.0, scans_per_block=1)))
     assert "internal error" in watch.report()[1]
     watch.reader.stop()
-
-
-@given(st.integers(0, 10**11), st.sampled_from([1000.0, 12_800.0, 50_000.0, 1e7 / 3003]))
-def test_stamps_are_start_plus_index_over_rate(index: int, rate: float) -> None:
-    start = 1_795_000_000_123_456_789
-    exact = start + round(index * 10**9 / rate)
-    assert abs(HardwareClock(start, rate).stamp_ns(index) - exact) <= 32  # half a unit of a double at 10^17 ns
-
-
-def test_drift_is_measured_through_transport_delays() -> None:
-    random = np.random.default_rng(0)
-    meter = DriftMeter()
-    for block in range(1, 20 * 60):
-        device_s = block / 20.0
-        meter.add(device_s, 7.0 + device_s * (1.0 + 30e-6) + random.exponential(2e-3))
-    assert meter.drift_ppm == pytest.approx(30.0, abs=5.0)
-    assert meter.offset_s == pytest.approx(59.0 * 30e-6, abs=1e-3)
-
-
-def test_drift_is_unknown_at_first() -> None:
-    meter = DriftMeter()
-    meter.add(0.05, 3.0)
-    assert math.isnan(meter.drift_ppm)
-    assert math.isnan(meter.offset_s)
 
 
 def test_backoff_doubles_to_its_longest() -> None:

@@ -5,6 +5,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 from math import nan
 
+import numpy as np
 import pytest
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
@@ -455,3 +456,23 @@ def test_switched_off_a_height_that_waits_is_discarded(armed: Stops) -> None:
     assert armed.dialogue.goal is None
     drive(armed, 0.3)
     assert armed.board.executed == []
+
+
+def test_a_reading_has_the_steady_time_at_which_the_board_took_it() -> None:
+    """Of a clock that loses 60 ppm, over a line of 3 to 30 ms: within half of the shortest round trip."""
+    random, board, dialogue = np.random.default_rng(6), ModelBoard(), Dialogue(SETTINGS)
+    dialogue.opened(100.0)
+    off, now = [], 100.0
+    while now < 200.0:
+        if (frame := dialogue.due(now)) is not None:
+            there, back = 0.003 + random.exponential(0.002, 2)
+            board.advance((now + there - 100.0) * (1.0 - 60e-6) + 7.0)
+            answer = board.answer(frame)
+            assert answer is not None
+            dialogue.read(answer, now + there + back)
+            off.append(dialogue.reading.steady - now - there)
+            now += there + back
+        now += STEP
+    assert np.isnan(off[0])  # the identity has no height
+    assert np.abs(off[200:]).max() < 0.5 * dialogue._least_trip + 1e-3
+    assert dialogue._clock.drift_ppm == pytest.approx(60.0, abs=30.0)

@@ -63,10 +63,12 @@ class Analysis:
             return None
         place = found.strongest
         return {
+            "method": "averages" if found.local is None else "local models",
             "averages": found.averages, "trusted_lines": int(found.trusted.sum()),
             "excited_lines": int(found.excited.sum()), "peak_frequency": float(found.frequency[place]),
             "peak_h1": float(abs(found.h1[place])), "peak_h2": float(abs(found.h2[place])),
             "peak_phase": float(np.angle(found.h1[place])), "peak_coherence": float(found.coherence[place]),
+            "peak_phase_std": _list(found.phase_std[place : place + 1])[0],
             "peak_relative_std": _list(found.relative_std[place : place + 1])[0],
             "peak_trusted": bool(found.trusted[place]),
             "frequency": _list(found.frequency), "h1": _list(np.abs(found.h1)), "h2": _list(np.abs(found.h2)),
@@ -91,7 +93,7 @@ class Analysis:
         return {name: getattr(found, name) for name in names} | curves
 
 
-def analyse(signals: Signals, resolution: float | None = None, window: str = "hann", whole: bool = False) -> Analysis:
+def analyse(signals: Signals, resolution: float | None = None, window: str = "", whole: bool = False) -> Analysis:
     """Return all that can be computed of a record.
 
     Spectra and frequency response take all of it; the orders its last part of constant excitation, all of it where
@@ -101,9 +103,10 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "ha
     if not np.isfinite(signals.response).any() or not np.nanmax(signals.response) > np.nanmin(signals.response):
         raise AnalysisError(f"{signals.names[1]} is constant: nothing to analyse; choose another with --output")
     known = np.isfinite(signals.excitation).any()
+    shape = window if window not in ("", "local") else "hann"
     values = (signals.excitation if known else np.zeros(len(signals.response)), signals.response)
     made = [
-        spectrum(one, signals.rate, resolution, window, unit) for one, unit in zip(values, signals.units, strict=True)
+        spectrum(one, signals.rate, resolution, shape, unit) for one, unit in zip(values, signals.units, strict=True)
     ]
     skipped: dict[str, str] = {}
     decay_at = find_decay(signals.excitation, signals.response, signals.rate)

@@ -2,7 +2,8 @@
 """Frequency response by the estimators H1 and H2, with coherence and error bars.
 
 H1 = G_xy / G_xx is unbiased under noise at the output, H2 = G_yy / G_yx under noise at the input; between them lies the
-truth where both have some (Bendat and Piersol, Random Data, 4th ed., section 6.1.4 and chapter 9).
+truth where both have some (Bendat and Piersol, Random Data, 4th ed., section 6.1.4 and chapter 9). An excitation that
+passes once, a sweep or a shock, has neither averages nor a period: its response is that of `local_response`.
 """
 
 from dataclasses import dataclass, replace
@@ -10,12 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.analysis.signals import AnalysisError, Signals
+from atpid_control.analysis.local_response import FREEDOM, local_response, passes_once
+from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_control.analysis.spectra import averaged
 from atpid_sim.system import Array
 
 #: A line counts as excited from this share of the strongest line's density on: 1 % of its amplitude.
 _EXCITED = 1e-4
+#: The same of a sweep, and the standard deviation up to which a line of it is trusted [-].
+_SWEPT, _KNOWN = 1e-2, 0.1
 #: Coherence from which a line is trusted, and averages below which coherence means nothing.
 COHERENT, FEWEST_AVERAGES = 0.8, 3.0
 #: Lines within the half-power width that a peak needs not to be flattened.
@@ -41,6 +45,8 @@ class FrequencyResponse:
     smeared: Array  # (k,) how far the window's width may shift H1, relative [-]
     most_excited: int  # the line with the strongest excitation
     doubts: tuple[str, ...]
+    local: Array | None = None  # (k,) standard deviation of local models, relative [-]; None: of averages
+    clock_error: float = 0.0  # standard deviation of the delay between two devices [s]
 
     @property
     def tone(self) -> bool:
@@ -50,21 +56,30 @@ class FrequencyResponse:
     @property
     def trusted(self) -> NDArray[np.bool_]:
         """Lines (k,) that are excited and coherent, of enough averages."""
-        return np.asarray(self.excited & (self.coherence >= COHERENT) & (self.averages >= FEWEST_AVERAGES))
+        known = True if self.local is None else self.local <= _KNOWN
+        return np.asarray(self.excited & (self.coherence >= COHERENT) & (self.averages >= FEWEST_AVERAGES) & known)
 
     @property
     def relative_std(self) -> Array:
         """Standard deviation of |H1| over |H1|, and of its phase [rad] (k,) (Bendat and Piersol, Eq. 9.90).
 
-        With what the window's width may shift H1 by; NaN of too few averages.
+        With what the window's width may shift H1 by; NaN of too few averages. What two devices' clocks add to the phase
+        is in `phase_std`.
         """
+        # the residual, or the coherence, is itself estimated: Student's 95 % quantile over the normal one
+        student = 1.0 + _STUDENT / (2.0 * self.averages - 2.0) if self.averages > 1.0 else np.nan
+        if self.local is not None:
+            return np.asarray(student * self.local)
         if self.averages < FEWEST_AVERAGES:
             return np.full(len(self.frequency), np.nan)
         known = np.maximum(self.coherence, 1e-12)
         chance = (1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)
-        # the coherence is itself estimated: Student's 95 % quantile over the normal one
-        student = 1.0 + _STUDENT / (2.0 * self.averages - 2.0)
         return np.asarray(np.hypot(student * np.sqrt(chance), self.smeared))
+
+    @property
+    def phase_std(self) -> Array:
+        """Standard deviation of the phase of H1 (k,) [rad], of two devices but for a constant delay."""
+        return np.asarray(np.hypot(self.relative_std, 2.0 * np.pi * self.frequency * self.clock_error))
 
     @property
     def strongest(self) -> int:
@@ -75,11 +90,20 @@ class FrequencyResponse:
         return int(np.argmax(np.where(among, np.abs(self.h1), -1.0)))
 
 
-def frequency_response(signals: Signals, resolution: float | None = None, window: str = "hann") -> FrequencyResponse:
+def frequency_response(signals: Signals, resolution: float | None = None, window: str = "") -> FrequencyResponse:
     """Return the response of `signals`, lines `resolution` [Hz] apart. Raises AnalysisError: nothing excites.
 
-    `window`: boxcar, without overlap, for an excitation whose period is the segment; else hann.
+    `window`: boxcar, without overlap, for an excitation whose period is the segment; local, without segments, for one
+    that passes once; else hann. Empty: local or hann, by the excitation.
     """
+    parts = runs(np.isfinite(signals.excitation + signals.response))
+    begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    given, answer = (one[begin:end] for one in (signals.excitation, signals.response))
+    moves = end - begin > _TONE * FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
+    if moves and (window == "local" or (not window and not resolution and passes_once(given, signals.rate))):
+        made = _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
+        return replace(made, doubts=tuple(_doubts(made)) + made.doubts)
+    window = window if window not in ("", "local") else "hann"
     found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)
     inside = found.frequency > 0.0
     strongest = float(found.first[inside].max())
@@ -92,10 +116,34 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
         coherence = np.abs(found.cross) ** 2 / (found.first * found.second)
     most = int(np.argmax(np.where(inside, found.first, -1.0)))
     smeared = _smeared(h1, excited) if window != "boxcar" else np.zeros(len(h1))
+    h1, h2 = _in_time(signals, found.frequency, h1, h2)
     made = FrequencyResponse(
-        found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most, ()
-    )
+        found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most, (),
+        clock_error=signals.clock_error,
+    )  # fmt: skip
     return replace(made, doubts=tuple(_doubts(made)))
+
+
+def _swept(
+    signals: Signals, lines: Array, h: Array, deviation: Array, coherence: Array, density: Array, used: int
+) -> FrequencyResponse:
+    """Return the response by local models, which is one estimate: no noise is taken for input's or output's."""
+    if not len(lines):
+        raise AnalysisError(
+            "the excitation passes once, too short for a response; give --window hann, or a longer part"
+        )
+    left = len(signals.response) - used
+    doubts = (f"{left} samples beside the longest part without a gap are not in the response",) if left else ()
+    (turned,), none = _in_time(signals, lines, h), np.zeros(len(lines))
+    return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), FREEDOM + 1.0, none,
+                             int(np.argmax(density)), doubts, deviation, signals.clock_error)  # fmt: skip
+
+
+def _in_time(signals: Signals, frequency: Array, *responses: Array) -> list[Array]:
+    """Return responses (k,) as if both channels were sampled at once."""
+    if not signals.delay:
+        return list(responses)
+    return [one * np.exp(-2j * np.pi * frequency * signals.delay) for one in responses]
 
 
 def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
@@ -113,6 +161,9 @@ def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
 def _doubts(found: FrequencyResponse) -> list[str]:
     """Return why the response cannot be trusted, a line each."""
     lines = []
+    if found.clock_error:  # NaN, too
+        lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
+                     "signal with both")  # fmt: skip
     if found.averages < FEWEST_AVERAGES:
         lines.append(
             f"{found.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
@@ -131,7 +182,7 @@ def _doubts(found: FrequencyResponse) -> list[str]:
                      "sweep or noise shows a resonance")  # fmt: skip
         return lines
     width = half_power_width(found)
-    if width is not None and width < _LINES:
+    if width is not None and width < _LINES and found.local is None:
         lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
     return lines
 

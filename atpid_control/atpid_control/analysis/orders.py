@@ -67,7 +67,8 @@ def orders(signals: Signals, count: int = 6) -> Orders:
         raise AnalysisError(
             "no excitation: nothing moves at one frequency in this part; choose it with --from and --to"
         )
-    turned = found * np.exp(-1j * np.angle(given[0]) * np.arange(1, count + 1))
+    turns = np.angle(given[0]) + 2.0 * math.pi * frequency * signals.delay
+    turned = found * np.exp(-1j * turns * np.arange(1, count + 1))
     parts = _halves(len(time))
     halves = [_fit(time[part], signals.response[part], frequency, 1)[0][0] for part in parts]
     change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf

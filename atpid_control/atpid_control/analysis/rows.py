@@ -46,7 +46,9 @@ def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     unit = "" if given == answer else f" {answer}/{given}"
     yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}{unit}"
     phase = math.degrees(np.angle(response.h1[place]))
-    yield "its phase, coherence", f"{phase:.4g} degrees, {response.coherence[place]:.4f}"
+    error = math.degrees(response.phase_std[place])
+    bar = f" ± {error:.2g}" if math.isfinite(error) else ""
+    yield "its phase, coherence", f"{phase:.4g}{bar} degrees, {response.coherence[place]:.4f}"
     yield "lines trusted", f"{response.trusted.sum()} of {response.excited.sum()} that are excited"
 
 

@@ -31,6 +31,8 @@ class Signals:
     start: float = 0.0  # time of the first sample [s]
     origin: str = ""  # what measured them, such as `laser`; empty: not from a recording
     start_ns: int = 0  # stamp of the first sample
+    delay: float = 0.0  # by which each sample of the response was taken after that of the excitation [s]
+    clock_error: float = 0.0  # its standard deviation, of two devices, but for the least delays [s]; NaN: unknown
 
     @property
     def duration(self) -> float:
@@ -63,7 +65,7 @@ class Signals:
 def signals_of(
     run: Run, given: str = "", measured: str = BEAM, *, both: bool = True
 ) -> tuple[Signals, list[str]]:  # fmt: skip
-    """Return what sensors measured in a run, sampled together, and what is missing, a line each.
+    """Return what sensors measured in a run, at the same instants, and what is missing, a line each.
 
     given: empty: what drives the structure. Raises BagError: no samples of `measured`, or where it has to be `both` of
     `given`; else NaN stands in its place.
@@ -72,7 +74,8 @@ def signals_of(
     excitation, response = run.signals(given, measured) if both else run.driven(given, measured)
     units = excitation.unit, response.unit
     signals = Signals(response.rate, excitation.values, response.values, units, (given, measured), response.time0,
-                      response.origin, response.start_ns)  # fmt: skip
+                      response.origin, response.start_ns, response.skew - excitation.skew,
+                      math.hypot(excitation.clock_error, response.clock_error))  # fmt: skip
     return signals, [*run.missing, *response.others]
 
 

@@ -14,7 +14,7 @@ from atpid_sim.system import Array
 _SEGMENTS = 16
 #: Squared correlation of neighbouring segments under a Hann window that overlap by half (Welch 1967): (1/6)^2.
 _OVERLAP = 1.0 / 36.0
-WINDOWS = ("hann", "boxcar", "flattop")
+WINDOWS = ("hann", "boxcar", "flattop", "local")
 
 
 @dataclass(frozen=True)

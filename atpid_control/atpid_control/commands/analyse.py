@@ -6,6 +6,7 @@ import math
 
 from atpid_common.arguments import positive, word
 from atpid_control.analysis.analyse import analyse
+from atpid_control.analysis.integration import integrated
 from atpid_control.analysis.picture import draw
 from atpid_control.analysis.rows import rows
 from atpid_control.analysis.signals import signals_of
@@ -30,6 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--output", type=word, default=BEAM, metavar="CHANNEL", help=f"what answers; default: {BEAM}")
     add_part(parser, "begin of the part analysed")
     add(
+        "--integrate",
+        type=positive("Hz"),
+        metavar="HZ",
+        help="accelerations as displacements, integrated above this corner; their drift is printed",
+    )
+    add(
         "--resolution",
         type=positive("Hz"),
         metavar="HZ",
@@ -38,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--window",
         choices=WINDOWS,
-        default="hann",
-        help="boxcar: the excitation's period is the segment; default: hann",
+        default="",
+        help="boxcar: the excitation's period is the segment; local: it passes once; default: local or hann, by it",
     )
 
 
@@ -53,9 +60,12 @@ def run(args: argparse.Namespace) -> int:
         run = open_run(args.bag, begin=ends[0], end=ends[1])
         signals, missing = signals_of(run, args.input or "", args.output)
         part = signals.between(*ends) if given else signals
+        drifts: list[str] = []
+        if args.integrate:
+            part, drifts = integrated(part, args.integrate)
         found = analyse(part, args.resolution, args.window, whole=given)
         draw(found, picture)
     faults = run.faults(*ends)
-    numbers = {"bag": str(args.bag), **found.to_json(), "missing": missing, "faults": faults}
-    notes = [f"not to be trusted: {line}" for line in (*found.doubts, *faults)]
+    numbers = {"bag": str(args.bag), **found.to_json(), "integrated": drifts, "missing": missing, "faults": faults}
+    notes = [*drifts, *(f"not to be trusted: {line}" for line in (*found.doubts, *faults))]
     return give(args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture))

@@ -18,7 +18,8 @@ from atpid_control.analysis.contact.in_run import clearance, fit_run
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.parts import bag_of
-from atpid_control.runs.run import BEAM, Run, Signal, open_run
+from atpid_control.runs.run import BEAM, Run, open_run
+from atpid_control.runs.signal import Signal
 from atpid_sim.kernel_inputs import system_of
 
 #: Arguments of the example in the help.

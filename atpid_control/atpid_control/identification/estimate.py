@@ -4,11 +4,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 
 from atpid_common.errors import InputError
 from atpid_common.vocabulary import Origin, Quality
+
+#: Unit of a channel whose tone is divided by the square of its angular frequency.
+ACCELERATION = "m/s^2"
+#: Relative standard deviation from which a displacement is not inferred from an acceleration [-].
+_VAGUE = 0.05
 
 
 class IdentificationError(InputError):
@@ -88,3 +93,26 @@ class Estimate:
     growth: float = nan  # relative change of amplitude, mean over the window [1/s]; not in the message
     growth_std: float = nan  # [1/s]
     drift: float = 0.0  # relative rate of a frequency that drifts slowly [1/s]; not in the message
+
+    def displaced(self) -> Estimate:
+        """Return the displacement of this acceleration [m]: nothing is integrated, so that nothing drifts.
+
+        The offset is a sensor's and no displacement: NaN. Harmonics are at most a quarter. Raises IdentificationError
+        where the tone is too slow for the noise.
+        """
+        omega = 2.0 * math.pi * self.frequency
+        if not omega > 0.0:
+            return self
+        relative = math.hypot(self.amplitude_std / self.amplitude, 2.0 * self.frequency_std / self.frequency)
+        if relative > _VAGUE:
+            raise IdentificationError(
+                f"acceleration: given a tone at {self.frequency:.3g} Hz in noise of {self.residual:.2g} m/s^2, a "
+                f"displacement of {self.amplitude / omega**2:.2g} m within {relative:.0%}; allowed: {_VAGUE:.0%}; "
+                f"excite above {self.frequency * math.sqrt(relative / _VAGUE):.3g} Hz, or measure displacement"
+            )
+        amplitude = self.amplitude / omega**2
+        return replace(
+            self, amplitude=amplitude, amplitude_std=amplitude * relative, offset=nan,
+            phase=math.remainder(self.phase + math.pi, 2.0 * math.pi), residual=self.residual / omega**2,
+            harmonics=self.harmonics / 4.0,
+        )  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from atpid_common.vocabulary import Origin, Quality
-from atpid_control.identification.estimate import Estimate, IdentificationError, Settings
+from atpid_control.identification.estimate import ACCELERATION, Estimate, IdentificationError, Settings
 from atpid_control.identification.excitation_kind import ExcitationWatch, OtherExcitation
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
@@ -106,31 +106,37 @@ class Identifier:
 
     def push(
         self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
-        delay: float = 0.0, height: float = math.nan,
+        delay: float = 0.0, height: float = math.nan, units: tuple[str, str] = ("m", "m"),
     ) -> Estimate:  # fmt: skip
         """Take the next block and return the estimate at its last sample.
 
         `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is
         when the last scan was taken and is only passed on; `delay` [s]: the channel's sampling after its scan;
-        `height` [m]: of the ceiling. Missing blocks show in `first_index`. Raises IdentificationError for
-        impossible samples: no channel at all, or a rate too low for the tones looked for.
+        `height` [m]: of the ceiling; `units`: of both, of m/s^2 the estimate is the displacement's. Missing blocks show
+        in `first_index`. Raises IdentificationError for impossible samples: no channel at all, a rate too low for the
+        tones looked for, a tone too slow for an acceleration's noise.
         """
         samples = self._stacked(support, beam)
         if self._buffer is None or self._buffer.rate != rate:
             self._buffer = self._new_buffer(rate)
         self._buffer.push(first_index, samples)
         self._last_index = max(first_index + samples.shape[1] - 1, 0)
+        self._finder.acceleration = units[self.source] == ACCELERATION
         tone = self._finder.find(self._buffer, self.source)
         estimate = Estimate(time=t_last, last_index=self._last_index, origin=self.source)
         if tone is not None:
             estimate = self._filled(estimate, tone, delay)
+        estimate = estimate.displaced() if self._finder.acceleration else estimate
         if self._inverse is not None:
             estimate = self._inverse.support_of(estimate, height)
         # impacts bring tones of their own into the beam's motion
         elif self._is_no_tone(first_index, samples[self.source], estimate) and estimate.quality != Quality.NONE:
             estimate = replace(estimate, quality=Quality.POOR)
         changed = self._tracker.judge(estimate)
-        return replace(estimate, changed=changed, beam_amplitude=self._beam_amplitude(estimate, beam is not None))
+        beam_amplitude = self._beam_amplitude(estimate, beam is not None)
+        if units[Origin.BEAM] == ACCELERATION:
+            beam_amplitude /= (TAU * estimate.frequency) ** 2
+        return replace(estimate, changed=changed, beam_amplitude=beam_amplitude)
 
     def _new_buffer(self, rate: float) -> SampleBuffer:
         s = self._settings

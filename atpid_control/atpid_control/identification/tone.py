@@ -51,6 +51,7 @@ class ToneFinder:
         """Start without a frequency; with `shorten` a transient is looked at in one period, too."""
         self.settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
+        self.acceleration = False  # whether the channel is one [m/s^2]
 
     def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
         """Return the tone in the newest samples; None where there is none, or less than a period of it."""
@@ -117,7 +118,8 @@ class ToneFinder:
         frequency = fit.omega / TAU
         significant = fit.amplitude > SIGNIFICANT * fit.residual * math.sqrt(2.0 / fit.used)
         inside = 0.9 * s.lowest_frequency < frequency < 1.1 * s.highest_frequency
-        if not (significant and inside and fit.amplitude >= s.least_amplitude and frequency * window >= ONE_PERIOD):
+        size = fit.amplitude / fit.omega**2 if self.acceleration else fit.amplitude
+        if not (significant and inside and size >= s.least_amplitude and frequency * window >= ONE_PERIOD):
             return None
         return Tone(fit, window, lost * buffer.divisor, self._quality(fit, lost / count))
 
@@ -129,6 +131,8 @@ class ToneFinder:
             return Quality.TRANSIENT
         # impacts bring tones of their own into the beam's motion
         foreign = self._shorten and math.isfinite(fit.foreign)
-        if foreign or fit.residual > s.poor_residual * fit.amplitude or fit.harmonics > s.poor_harmonics:
+        # in an acceleration the second harmonic is four times as large, higher ones more
+        harmonics = fit.harmonics / 4.0 if self.acceleration else fit.harmonics
+        if foreign or fit.residual > s.poor_residual * fit.amplitude or harmonics > s.poor_harmonics:
             return Quality.POOR
         return Quality.STEADY

@@ -24,9 +24,9 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
-from atpid_common.vocabulary import Origin
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
+from atpid_control.identification.estimate import ACCELERATION
 from atpid_control.identification.excitation_kind import OtherExcitation
 from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
@@ -60,7 +60,7 @@ class IdentifierNode(Node):
             warm_up()
         self._rumble = RumbleWatch(rumble)
         self._other: OtherExcitation | None = None
-        self._unit = "m"  # of the excitation: that of its channel
+        self._units = "m", "m"  # of excitation and beam: those of their channels
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
@@ -139,18 +139,24 @@ class IdentifierNode(Node):
             raise IdentificationError(
                 f"{source}: given channels {', '.join(channels) or 'none'}; set support_channel or beam_channel to one"
             )
-        drive = self._names[Origin.SUPPORT]
-        if drive in channels and len(block.units) == len(channels):
-            self._unit = block.units[channels.index(drive)]
+        if len(block.units) == len(channels):
+            units = dict(zip(channels, block.units, strict=True))
+            self._units = units.get(self._names[0], "m"), units.get(self._names[1], "m")
         delay = block.skew[channels.index(source)] if len(block.skew) == len(channels) else 0.0
         return self.identifier.push(
-            block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height
-        )
+            block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height,
+            units=self._units,
+        )  # fmt: skip
+
+    @property
+    def _unit(self) -> str:
+        """Unit of the excitation's amplitude: of an acceleration that of its displacement."""
+        return "m" if self._units[0] == ACCELERATION else self._units[0]
 
     def _watch(self, block: SampleBlock, estimate: Estimate, message: Excitation) -> None:
         """Publish an event when the beam begins to rumble, and when it is regular again."""
         beam = channel_of(block, self._names[1])
-        if beam is None:
+        if beam is None or self._units[1] == ACCELERATION:  # impacts are most of it
             return
         before = self._rumble.state
         after = self._rumble.push(block.first_index, block.rate, beam, estimate.frequency)
@@ -179,7 +185,7 @@ class IdentifierNode(Node):
         kind = Event.TWO_TONES if tones else Event.EXCITATION_CHANGED
         if found is not None:
             severity = Event.WARNING if found.spoils else Event.INFO
-            text, value = found.sentence(self._unit), found.amplitudes[-1]
+            text, value = found.sentence(self._units[0]), found.amplitudes[-1]
         elif before is not None and before.spoils:
             severity, text, value = Event.INFO, "one tone excites the structure again, or nothing", math.nan
         else:

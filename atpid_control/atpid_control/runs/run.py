@@ -25,6 +25,7 @@ from atpid_control.runs.csv_table import read_table
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import SCENE
 from atpid_control.runs.read import within_memory
+from atpid_control.runs.signal import Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
 from atpid_control.runs.tree import frames_of, tree_of
@@ -41,27 +42,6 @@ _TRUE = {BEAM: "beam"} | {drive.channel: "support" for drive in DRIVES.values()}
 _ASIDE = 60.0
 #: Memory of one text in a column besides a number's [bytes].
 _TEXT = 80
-
-
-@dataclass(frozen=True)
-class Signal:
-    """One channel, evenly sampled: index by index from its first sample on."""
-
-    name: str
-    time0: float  # time of the first sample, after the run's first [s]
-    start_ns: int  # its stamp
-    rate: float  # [Hz], as the messages state it
-    values: Array  # (n,) NaN where a sample was lost or is invalid
-    unit: str
-    origin: str  # `laser`, `accelerometer`: a sensor; `truth`: the simulated plant; `table`: a .csv
-    topic: str = ""
-    lost: int = 0  # samples, by index
-    others: tuple[str, ...] = ()  # streams that have the channel too and are not used, a line each
-
-    @property
-    def time(self) -> Array:
-        """Times of the samples (n,) after the run's first [s]."""
-        return self.time0 + np.arange(len(self.values)) / self.rate
 
 
 @dataclass(frozen=True)
@@ -123,38 +103,59 @@ class Run:
     scene: Scene | None = None
     scene_problem: str = ""  # why there is no scene, empty where there is one
     prefer: str = field(default=TRUTH, kw_only=True)  # origin of `motion` where there is one
+    _clocks: dict[str, StreamClock] = field(default_factory=dict, kw_only=True, repr=False)
 
     def signal(self, name: str, origin: str = "") -> Signal:
         """Return a channel of the sensor that has most samples of it, or of one `origin`. Raises BagError."""
         return self.signals(name, origin=origin)[0]
 
     def signals(self, *names: str, origin: str = "") -> tuple[Signal, ...]:
-        """Return channels that were sampled together: of sensors, or of one `origin`. Raises BagError: there are none.
+        """Return channels at the same instants: of sensors, or of one `origin`. Raises BagError: there are none.
 
-        Of several streams with all of them, or parts of one whose index jumps, that with most valid samples.
+        Of several streams with all of them, or parts of one whose index jumps, that with most valid samples; where no
+        stream has all, they are sampled anew at the instants of the slowest.
         """
         places = [_TRUE.get(name, name) if origin == TRUTH else name for name in names]
         streams = [(table, arrays) for table, arrays in self.streams(origin) if set(places) <= arrays.keys()]
+        if not streams and len(names) > 1 and all(self._has(name, origin) for name in names):
+            return joined([self.signal(name, origin) for name in names])
         if not streams:
             raise self._no_samples(names, origin)
         valid = [int(np.all([np.isfinite(arrays[place]) for place in places], axis=0).sum()) for _, arrays in streams]
         table, arrays = streams[int(np.argmax(valid))]
-        rate = table.rate or 1.0
         if not len(arrays[INDEX]):
-            span = f"{table.begin:g} to {table.begin + table.rows / rate:g} s"
+            span = f"{table.begin:g} to {table.begin + table.rows / (table.rate or 1.0):g} s"
             raise BagError(f"{self.path}: no sample from --from to --to; allowed: rising times from {span}")
         others = tuple(f"{other.name}: {other.rows} samples, another stream, not used" for other, its in streams
                        if other is not table and len(its[INDEX]))  # fmt: skip
-        units = {column.name: column.unit for column in table.columns}
-        begin = table.begin + (int(arrays[INDEX][0]) - table.first_index) / rate
+        columns = {column.name: column for column in table.columns}
+        clock = self._clock(table, arrays)
         known: dict[str, Any] = {
-            "time0": begin, "start_ns": int(arrays[STAMP][0]), "rate": rate, "origin": table.origin,
-            "topic": table.topic, "lost": table.lost, "others": others,
+            "time0": self._begin(table, arrays, clock), "start_ns": int(arrays[STAMP][0]), "rate": clock.rate,
+            "origin": table.origin, "topic": table.topic, "lost": table.lost, "others": others, "clock": clock,
         }  # fmt: skip
         return tuple(
-            Signal(name=name, values=arrays[place], unit=units[place], **known)
+            Signal(name=name, values=arrays[place], unit=columns[place].unit, skew=columns[place].skew, **known)
             for name, place in zip(names, places, strict=True)
         )
+
+    def _clock(self, table: Table, arrays: dict[str, Any]) -> StreamClock:
+        if table.name not in self._clocks:
+            made = table.origin == TRUTH or table.type == "csv"
+            clock = (
+                StreamClock(table.rate or 1.0) if made else clock_of(arrays[INDEX], arrays[STAMP], table.rate or 1.0)
+            )
+            self._clocks[table.name] = clock
+        return self._clocks[table.name]
+
+    def _begin(self, table: Table, arrays: dict[str, Any], clock: StreamClock) -> float:
+        """Return when the first sample that was read was taken [s]."""
+        if clock.course is not None:
+            return float((int(arrays[STAMP][0]) - self.start_ns) * 1e-9 + clock.late)
+        return table.begin + (int(arrays[INDEX][0]) - table.first_index) / clock.rate
+
+    def _has(self, name: str, origin: str = "") -> bool:
+        return any(name in arrays for _, arrays in self.streams(origin))
 
     @cached_property
     def drive(self) -> Drive:
@@ -169,7 +170,7 @@ class Run:
         given: empty: what drives the structure. Raises BagError: nothing answers.
         """
         given = given or self.drive.channel
-        if any({given, measured} <= arrays.keys() for _, arrays in self.streams()):
+        if self._has(given) and self._has(measured):
             first, second = self.signals(given, measured)
             return first, second
         answer = self.signal(measured)

@@ -14,6 +14,7 @@ from types import FrameType
 
 from atpid_common.interrupt import ENDING_SIGNALS
 from atpid_control.stand.errors import BenchError, NodeDiedError
+from atpid_driver.clock import time_base_ns
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
 _TIMEOUT = 10.0
@@ -37,6 +38,7 @@ class NodeProcess:
     def __init__(self, name: str, command: Sequence[str], log: Path | None) -> None:
         """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
         self.name, self.command, self.log = name, command, log
+        time_base_ns()  # the nodes inherit it
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
         if not Path(command[0]).exists() and shutil.which(command[0]) is None:
             raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
@@ -95,6 +97,7 @@ class Processes:
         self.nodes: list[NodeProcess] = []
 
     def __enter__(self) -> Processes:
+        time_base_ns(anew=True)  # which the nodes inherit, those started again, too
         try:
             for name, command in self._commands:
                 log = self._logs / f"{name}.log" if self._logs else None

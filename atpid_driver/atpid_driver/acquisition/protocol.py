@@ -31,13 +31,14 @@ class Block:
 
     `volts` is (n_scans, n_channels) [V], NaN where the device lost the scan; `first_index` counts scans from the
     start of the stream; `dropped` are the scans lost since then; `backlog` the scans that wait in the device and
-    in its driver after this read.
+    in its driver after this read. `stamp_ns` is the Reader's: when the first was taken.
     """
 
     first_index: int
     volts: Volts
     dropped: int
     backlog: int
+    stamp_ns: int = 0
 
     @property
     def next_index(self) -> int:

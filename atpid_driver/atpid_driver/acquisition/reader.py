@@ -3,8 +3,9 @@
 
 A set-up that the device refuses at first waits for a person. Once it has streamed, whatever ends the stream is an
 interruption: the same set-up has worked, so it is tried again, also where the error is that of a set-up (LJM 2942).
-Time and index go on through an interruption: a stream that comes back is given the index its first scan has on the
-clock of the first start, so that the gap shows in the indices and is counted as dropped.
+Time and index go on through an interruption: a stream that comes back is given the index its first scan would have had
+in the stream before, by the clocks of both, so that the gap shows in the indices and is counted as dropped.
+Each block gets the stamp of its first scan, by the device's clock as it is followed on the host's steady one.
 """
 
 import logging
@@ -15,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
 from atpid_driver.acquisition.protocol import Acquisition, Block, DeviceIdentity
+from atpid_driver.clock import DeviceClock
 
 log = logging.getLogger("atpid_driver.acquisition")
 RATE_TOLERANCE = 1e-9
@@ -49,6 +50,7 @@ class Status:
     last_error: str = ""
     offset_s: float = float("nan")
     drift_ppm: float = float("nan")
+    error_s: float = float("nan")  # standard deviation of the stamps, but for the least delay [s]
 
 
 class Reader:
@@ -74,10 +76,9 @@ class Reader:
         self._stop = threading.Event()
         self._status = Status()
         self._base_index = self._base_dropped = self._attempts = 0
-        self._drift = DriftMeter()
-        self._started = (0, 0.0)  # wall clock [ns] and steady clock [s] when the stream was last started
-        self._origin_s = 0.0  # steady clock at index 0 of the first stream [s]
-        self.clock: HardwareClock | None = None  # None until the first block
+        self._started = 0.0  # steady clock when the stream was last started [s]
+        self._clock, self._placed = DeviceClock(), (DeviceClock(), 0)  # of this stream; of the last, its first index
+        self.rate: float | None = None  # as the device states it [Hz]; None until the first block
         self._thread = threading.Thread(target=self._run, name=f"acquisition {identity}", daemon=True)
 
     def start(self) -> None:
@@ -104,8 +105,9 @@ class Reader:
     def status(self) -> Status:
         """State of the stream now."""
         with self._changed:
-            offset_s, drift_ppm = self._drift.offset_s, self._drift.drift_ppm
-            return replace(self._status, queued=len(self._queue), offset_s=offset_s, drift_ppm=drift_ppm)
+            clock, status = self._clock, replace(self._status, queued=len(self._queue))
+            error = clock.error((status.next_index - self._base_index) / status.rate)
+            return replace(status, offset_s=clock.offset_s, drift_ppm=clock.drift_ppm, error_s=error)
 
     def _run(self) -> None:
         try:
@@ -125,32 +127,25 @@ class Reader:
                     self._enqueue(self._device.read())
             except AcquisitionError as error:
                 self._fault(f"{self._identity}: {error}")
-                if not error.retry and self.clock is None:
+                if not error.retry and self.rate is None:
                     return
                 self._recover()
 
     def _begin(self) -> None:
         """Start the stream; where its index 0 lies on the clock shows with its first block."""
         rate = self._device.start()
-        self._started = (time.time_ns(), time.monotonic())
-        if self.clock is not None and abs(rate / self.clock.rate - 1.0) > RATE_TOLERANCE:
-            raise StreamLostError(f"the stream came back at {rate:g} Hz, it ran at {self.clock.rate:g} Hz")
-        self._drift = DriftMeter()
+        self._started = time.monotonic()
+        if self.rate is not None and abs(rate / self.rate - 1.0) > RATE_TOLERANCE:
+            raise StreamLostError(f"the stream came back at {rate:g} Hz, it ran at {self.rate:g} Hz")
+        self._clock = DeviceClock(self._started)
         self._update(rate=rate)
 
-    def _place(self, block: Block, arrival: float) -> None:
-        """Put index 0 of a stream that has just begun on the clock of the first one.
-
-        Index 0 was taken before the start returned, and a block's length before the block arrived: both bound the
-        moment from above, so the earlier is the nearer.
-        """
-        wall_ns, steady_s = self._started
-        rate, before = self._status.rate, self._status.next_index
-        origin_s = min(steady_s, arrival - block.next_index / rate)
-        if self.clock is None:
-            self.clock = HardwareClock(wall_ns + round((origin_s - steady_s) * 1e9), rate)
-            self._origin_s = origin_s
-        self._base_index = max(before, round((origin_s - self._origin_s) * rate)) if before else 0
+    def _place(self) -> None:
+        """Give index 0 of a stream that has just begun its place after the streams before it."""
+        rate, before, (clock, first) = self._status.rate, self._status.next_index, self._placed
+        due = first + round(clock.device(self._clock.steady(0.0)) * rate) if before else 0
+        self.rate, self._base_index = rate, max(before, due)
+        self._placed = self._clock, self._base_index
         self._base_dropped = self._status.dropped + self._base_index - before
         again = self._status.interruptions > 0
         self._update(streaming=True, last_error="")
@@ -158,15 +153,17 @@ class Reader:
             self._report(False, f"{self._identity}: streaming again, {self._base_index - before} scans lost")
 
     def _enqueue(self, block: Block) -> None:
-        arrival = time.monotonic()
+        arrival, rate = time.monotonic(), self._status.rate
+        with self._changed:
+            self._clock.add(block.next_index / rate, arrival)
+            stamp_ns = self._clock.stamp_ns(block.first_index / rate)
         if not self._status.streaming:
-            self._place(block, arrival)
-        if arrival - self._started[1] > self._backoff.longest:
+            self._place()
+        if arrival - self._started > self._backoff.longest:
             self._attempts = 0
         with self._changed:
-            self._drift.add(block.next_index / self._status.rate, arrival)
             first_index, dropped = block.first_index + self._base_index, block.dropped + self._base_dropped
-            block = replace(block, first_index=first_index, dropped=dropped)
+            block = replace(block, first_index=first_index, dropped=dropped, stamp_ns=stamp_ns)
             # A full queue makes the device's own, larger buffer wait; only when that overflows are scans lost.
             self._changed.wait_for(lambda: len(self._queue) < self._depth or self._stop.is_set())
             self._queue.append(block)

@@ -65,6 +65,7 @@ class Reading:
     speed: float = 0.0
     sequence: int = 0
     time: float = field(default=nan, compare=False)  # when, by the board's own clock; NaN: it is of now [s]
+    steady: float = field(default=nan, compare=False)  # the same by the host's steady clock [s]
 
     @property
     def ready(self) -> bool:

@@ -15,6 +15,7 @@ from math import inf
 from typing import Final
 
 from atpid_common.vocabulary import Mode
+from atpid_driver.clock import DeviceClock
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
@@ -60,6 +61,7 @@ class Dialogue:
         self._session = MotorSession()
         self._opened = self._next = self._poll_at = 0.0
         self._round_trip = 0.0
+        self._clock, self._least_trip = DeviceClock(), inf  # of the board; its readings lie within a round trip [s]
         self._late_until = 0.0  # 0: answers come in time
         self._kept_alive = -inf
         self._sequence = 0  # of the last command carried out
@@ -127,6 +129,8 @@ class Dialogue:
             "frames refused by board": str(self._rejected),
             "round trip [ms]": f"{1e3 * self._round_trip:.1f}",
             "slowest stop until confirmed [ms]": f"{1e3 * self._slowest_stop:.0f}",
+            "clock drift [ppm]": f"{self._clock.drift_ppm:.2f}",
+            "stamps within [s]": f"{0.5 * self._least_trip:.2g}",
         }
 
     # -- the connection --------------------------------------------------------------------------------------------
@@ -136,6 +140,7 @@ class Dialogue:
         self._garbled, self._repeated = self._garbled + self._session.garbled, self._repeated + self._session.repeated
         self._session, self._taken, self.identified = MotorSession(), None, False
         self._opened, self._round_trip = now, 0.0
+        self._clock, self._least_trip = DeviceClock(), inf
 
     def lost(self, error: MotorError) -> None:
         """Discard the state, latch the loss if the motor was armed, report the error once. A stop remains."""
@@ -258,7 +263,10 @@ class Dialogue:
             return
         self._judge_delay(answer.request, now)
         if isinstance(answer.reply, StateReply):
-            self._take(answer.reply)
+            self._clock.add(answer.reply.uptime, now)
+            taken = self._clock.steady(answer.reply.uptime) - 0.5 * self._least_trip
+            # whatever the board's clock is, it was after the request and before the answer
+            self._take(answer.reply, min(max(taken, answer.request.asked), now))
             if self._moving and self._moving.not_after(answer.request) and answer.reply.mode not in _IN_MOTION:
                 self._moving = None
         elif answer.reply in (Refusal("SESSION"), Refusal("OLD")):
@@ -342,7 +350,7 @@ class Dialogue:
         waited = now - request.asked
         if request.repeated:
             return  # it is not known which of them was answered
-        self._round_trip = waited
+        self._round_trip, self._least_trip = waited, min(waited, self._least_trip)
         if waited > LATE:
             if not self._late_until:
                 self.report(f"the board answers late, after {waited:.2f} s: the height reported is as old")
@@ -363,7 +371,7 @@ class Dialogue:
                 "its motor cannot: it is identified again"
             )
 
-    def _take(self, reply: StateReply) -> None:
+    def _take(self, reply: StateReply, steady: float) -> None:
         self._check_plausible(reply)
         speed = self._settings.speed if reply.mode is Mode.MOVING else 0.0
         upward = reply.target > reply.height
@@ -380,6 +388,7 @@ class Dialogue:
             speed=self._settings.speed,
             sequence=self._sequence,
             time=reply.uptime,
+            steady=steady,
         )
         if self._found_again:
             until = f" until ~/rearm: {in_words(self.reading.faults)}" if self.reading.faults else ""

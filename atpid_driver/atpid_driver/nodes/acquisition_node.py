@@ -153,12 +153,12 @@ class AcquisitionNode(DeviceNode):
         if reader is None or not self.context.ok():  # an interrupt shuts the context down before the node
             return
         for block in reader.take():
-            assert reader.clock is not None
+            assert reader.rate is not None
             values, counts = block_si(self._calibrations, block.volts)
-            if self._channels.take(block.volts, values, counts, reader.clock.rate):
+            if self._channels.take(block.volts, values, counts, reader.rate):
                 self._diagnostics.publish()
-            stamp = time_of(reader.clock.stamp_ns(block.first_index))
-            message = self._message = self._message or self._first_message(reader.clock.rate, stamp)
+            stamp = time_of(block.stamp_ns)
+            message = self._message = self._message or self._first_message(reader.rate, stamp)
             message.header.stamp, message.data = stamp, doubles(values)
             message.first_index, message.dropped, message.backlog = block.first_index, block.dropped, block.backlog
             self._blocks.publish(message)
@@ -206,6 +206,7 @@ class AcquisitionNode(DeviceNode):
             "interruptions": status.interruptions,
             "clock drift [ppm]": f"{status.drift_ppm:.2f}",
             "clock offset [s]": f"{status.offset_s:.6f}",
+            "stamps, standard deviation [s]": f"{status.error_s:.2g}",
             "last error": last_error or "none",
         }
         serial = str(self._identity.serial) if self._identity else "none"

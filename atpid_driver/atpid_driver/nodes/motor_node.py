@@ -32,6 +32,7 @@ from atpid_common.nodes.parameters import LiveParameters, Publish
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Mode
+from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import MotorError, NotReadyError, StopNotConfirmedError
@@ -72,7 +73,7 @@ class MotorNode(DeviceNode):
             raise
         self._connected = self._active = False
         self._duplicates = DuplicateNodes(self)
-        self._stamp = 0
+        self._stamp = self._reported = 0  # of the last command, of the last reading of a real board
         # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
         self._injection = FaultInjection(self, 0 if self.settings.lockstep else None)
         self._initial: float | None = None
@@ -209,7 +210,15 @@ class MotorNode(DeviceNode):
             self._go_to_initial(self._initial, reading)
         elif not self._known_motion.passed and self._active and self._initial is None:
             self._move_as_known(reading)
-        self._publish(reading, self.get_clock().now().to_msg())
+        self._publish(reading, self._stamp_of(reading))
+
+    def _stamp_of(self, reading: Reading) -> Time:
+        """Return when a reading was taken: of a real board by its own clock; a repeated one has the stamp it had."""
+        if self.settings.backend == "simulated":
+            return self.get_clock().now().to_msg()
+        taken = reading.steady if isfinite(reading.steady) else time.monotonic()
+        self._reported = max(self._reported, time_base_ns() + round(taken * 1e9))
+        return time_of(self._reported)
 
     def _go_to_initial(self, height: float, reading: Reading) -> None:
         """Go to the first height after homing, until it is reached; a command takes precedence."""

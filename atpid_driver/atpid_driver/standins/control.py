@@ -15,7 +15,7 @@ CHANNELS = 16
 PAGE = np.dtype([
     ("magic", "S8"), ("plugged", "<u4"), ("unplugs", "<u4"), ("serial", "<u4"), ("stalled", "<u4"), ("drop", "<u8"),
     ("fail_code", "<i4"), ("fail_count", "<u4"), ("held", "<u4"), ("unused", "<u4"), ("hold_volts", "<f8", (CHANNELS,)),
-    ("rest", "V3920"),
+    ("slow", "<f8"), ("rest", "V3912"),
 ])  # fmt: skip
 
 
@@ -67,6 +67,10 @@ class Control:
     def release(self, channel: int) -> None:
         """Let a channel give its own voltage again."""
         self._page["held"] &= np.uint32(~(1 << _checked(channel)) & 0xFFFFFFFF)
+
+    def slow(self, share: float) -> None:
+        """Give the device a clock that loses this share of the time [-]; before a stream starts."""
+        self._page["slow"] = share
 
     def serial(self, number: int) -> None:
         """Swap the device for one with another serial number."""

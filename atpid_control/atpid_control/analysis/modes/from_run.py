@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, csd, lfilter, periodogram, welch
+from scipy.signal import cont2discrete, decimate, lfilter, periodogram
 
 from atpid_control.analysis.beam.fit import LEAST, MOST, START, forced, free_columns
 from atpid_control.analysis.modes.structure import Mode, ModesError, Structure
 from atpid_control.analysis.signals import Signals, runs
+from atpid_control.analysis.spectra import averaged
 from atpid_sim.modal import ModeSet, modes_of
 from atpid_sim.system import Array
 
@@ -92,8 +93,6 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
 
 
 def _thinned(values: Array, every: int) -> Array:
-    from scipy.signal import decimate
-
     return np.asarray(decimate(values, every, ftype="fir")) if every > 1 else values
 
 
@@ -125,12 +124,11 @@ def _level(values: Array) -> Array:
 
 def _response(drive: Array, beam: Array, rate: float) -> tuple[Array, Array, Array]:
     """Return frequencies (k,) [Hz], |H1| and coherence [-], both 0 where nothing excites."""
-    length = len(beam) // _SEGMENTS
-    (frequency, own), (_, other) = (welch(one, rate, nperseg=length) for one in (drive, beam))
-    cross = np.abs(csd(drive, beam, rate, nperseg=length)[1])
-    excited = own > _EXCITED * own.max()
-    response, coherence = cross / np.maximum(own, 1e-300), cross**2 / np.maximum(own * other, 1e-300)
-    return frequency, np.where(excited, response, 0.0), np.where(excited, coherence, 0.0)
+    found = averaged(drive, beam, rate, rate / (len(beam) // _SEGMENTS))
+    excited = found.first > _EXCITED * found.first.max()
+    own, cross = np.maximum(found.first, 1e-300), np.abs(found.cross)
+    coherence = cross**2 / np.maximum(own * found.second, 1e-300)
+    return found.frequency, np.where(excited, cross / own, 0.0), np.where(excited, coherence, 0.0)
 
 
 class _Model:

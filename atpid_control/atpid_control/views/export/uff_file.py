@@ -68,7 +68,9 @@ def _channel(
             f"record {number} of {len(pieces)}, first index {first}, lost {table.lost} samples",
             f"rate {table.rate!r} Hz, first stamp {int(stamps[begin])} ns, skew {column.skew!r} s",
         )
-        _record(stream, about, number, node, column, float(time[begin]), 1.0 / (table.rate or 1.0), values[begin:end])
+        steps = end - 1 - begin  # on the time base of the stamps
+        step = float(time[end - 1] - time[begin]) / steps if steps else 1.0 / (table.rate or 1.0)
+        _record(stream, about, number, node, column, float(time[begin]), step, values[begin:end])
 
 
 def runs(values: Any) -> Iterator[tuple[int, int]]:

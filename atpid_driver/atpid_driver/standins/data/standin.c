@@ -81,6 +81,7 @@ int source_open(Source *source, const char *specification) {
     source->amplitude = option(text, "amplitude=", 1.0);
     source->offset = option(text, "offset=", 3.0);
     source->frequency = option(text, "frequency=", 5.0);
+    source->common = option(text, "common=", 0.0);
     return 0;
 }
 
@@ -111,7 +112,7 @@ static uint64_t feed_scans(const Stream *stream) {
 
 static uint64_t clock_scans(const Stream *stream) {
     double seconds = (double)(now_ns() - stream->start_ns) * 1e-9;
-    return (uint64_t)(seconds * stream->rate);
+    return (uint64_t)(seconds * (1.0 - stream->control->slow) * stream->rate);
 }
 
 static void lose(Stream *stream, uint64_t from, uint64_t to) {
@@ -185,6 +186,7 @@ static double value(const Stream *stream, uint64_t scan, int channel, double los
     double seconds = (double)scan / stream->rate + channel * stream->skew;
     if (source->kind == SOURCE_FEED) return feed_value(stream, seconds, channel, lost_value);
     if (source->kind == SOURCE_RAMP) return 1.0 + (double)(scan % 4096) / 1024.0;
+    seconds = seconds / (1.0 - stream->control->slow) + source->common * 1e-9 * (double)stream->start_ns;
     return source->offset + source->amplitude * sin(2.0 * M_PI * source->frequency * seconds + channel * M_PI / 4.0);
 }
 

@@ -25,6 +25,7 @@ typedef struct {
     uint32_t held; /* bit of each channel that gives hold_volts instead of its own: a dead or frozen sensor */
     uint32_t unused;
     double hold_volts[STANDIN_MAX_CHANNELS];
+    double slow; /* share of the time that the device's clock loses, of a source that is no feed */
 } Control;
 
 typedef struct {
@@ -40,6 +41,7 @@ enum { SOURCE_SINE, SOURCE_RAMP, SOURCE_FEED };
 typedef struct {
     int kind;
     double amplitude, offset, frequency; /* [V], [V], [Hz] */
+    double common; /* 1: a sine that all devices of the host have in phase */
     const Feed *feed;
     size_t feed_size;
     uint64_t feed_start; /* first frame this stream sees */

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two devices with clocks of their own on one time base: in bags, joined channels, exports, and both stand-ins."""
+
+import math
+import threading
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyuff
+from acquisition_rigs import channels
+from two_devices import Device, recorded
+
+from atpid_control.analysis import frequency_response, orders
+from atpid_control.analysis.signals import signals_of
+from atpid_control.cli import main
+from atpid_control.runs.run import Run, open_run
+from atpid_control.runs.signal import Signal, clock_of, interpolated, joined
+from atpid_driver.acquisition.labjack import LabJackAcquisition
+from atpid_driver.acquisition.nidaqmx import NiAcquisition
+from atpid_driver.acquisition.protocol import Acquisition, Block
+from atpid_driver.acquisition.reader import Reader
+from atpid_driver.acquisition.settings import LabJackSettings, NiSettings
+from atpid_driver.standins import Control, build
+from atpid_sim.system import Array
+
+SCENE = Path(__file__).parents[1] / "scenes/standard.yaml"
+TAU = 2.0 * math.pi
+SUPPORT, BEAM, ACCELERATION = "support_displacement", "beam_displacement", "beam_acceleration"
+LASER = Device("/sensors/laser", ((SUPPORT, "m", 0.0), (BEAM, "m", 15e-6)), 1000.0, 30e-6, 3e-4)
+NI = Device("/sensors/accelerometer", ((ACCELERATION, "m/s^2", 0.0),), 1280.0, -20e-6, 5e-4, 0.3)
+_LINES = np.random.default_rng(5).uniform(0.0, TAU, 391)
+
+
+def value(name: str, time: Array) -> Array:
+    """Return lines 1 Hz apart of equal size from 10 to 400 Hz, as a displacement or an acceleration."""
+    omega = TAU * np.arange(10.0, 401.0)
+    size = -(omega**2) if name == ACCELERATION else np.ones(len(omega))
+    return np.asarray(1e-4 * np.sin(np.outer(time, omega) + _LINES) @ size)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("two") / "bag", SCENE, 60.0, (LASER, NI), value)
+
+
+@pytest.fixture(scope="module")
+def run(bag: Path) -> Run:
+    return open_run(bag)
+
+
+def test_each_stream_has_its_rate_by_the_hosts_clock(run: Run) -> None:
+    for name, device in ((SUPPORT, LASER), (ACCELERATION, NI)):
+        signal = run.signal(name)
+        assert signal.rate == pytest.approx(device.rate / (1.0 + device.slow), rel=1e-6)
+        assert signal.clock.drift == pytest.approx(device.slow, abs=1e-6)
+        assert 1e-8 < signal.clock.error < 2e-5
+    assert run.signal(ACCELERATION).time0 - run.signal(SUPPORT).time0 == pytest.approx(0.3, abs=3e-5)
+
+
+def test_a_response_across_two_devices_has_its_phase(run: Run) -> None:
+    """Acceleration over displacement is -omega^2 at every line: within the phase's stated error, and 0.3 degrees."""
+    signals, _ = signals_of(run, SUPPORT, ACCELERATION)
+    assert signals.rate == run.signal(SUPPORT).rate
+    found = frequency_response(signals, 0.25)
+    lines = found.excited & (np.abs(found.frequency - np.rint(found.frequency)) < 0.1) & (found.frequency > 15.0)
+    lines &= found.frequency < 0.4 * signals.rate
+    off = found.h1[lines] / -((TAU * found.frequency[lines]) ** 2)
+    assert np.abs(np.abs(off) - 1.0).max() < 2e-3
+    degrees = np.degrees(np.angle(off))
+    assert abs(np.interp(100.0, found.frequency[lines], degrees)) < 0.3
+    assert np.all(np.abs(np.angle(off)) < 4.0 * TAU * found.frequency[lines] * signals.clock_error + 2e-3)
+    assert any("two devices" in line for line in found.doubts)
+
+
+def test_the_skew_of_a_channel_is_taken_off(run: Run) -> None:
+    signals, _ = signals_of(run, SUPPORT, BEAM)
+    assert (signals.delay, signals.clock_error) == (15e-6, 0.0)
+    found = frequency_response(signals, 1.0)
+    inside = (found.frequency > 20.0) & (found.frequency < 390.0)
+    assert np.abs(np.angle(found.h1[inside])).max() < TAU * 400.0 * 1e-6
+    assert orders(signals.between(0.0, 5.0), 1).phase[0] == pytest.approx(0.0, abs=1e-2)
+
+
+def test_exports_have_times_on_one_base(bag: Path, tmp_path: Path) -> None:
+    assert main(["bag", "export", str(bag), "--format", "csv", "--out", str(tmp_path / "run.csv")]) == 0
+    for path, device in ((tmp_path / "run.csv", LASER), (tmp_path / "run.sensors_accelerometer.csv", NI)):
+        table = pd.read_csv(path, comment="#")
+        time, index = table["time [s]"].to_numpy(), table["index"].to_numpy()
+        true = device.start - LASER.start + index / device.rate * (1.0 + device.slow)
+        assert np.ptp((time - true)[index > 20 * device.rate]) < 1e-4
+    assert main(["bag", "export", str(bag), "--format", "uff", "--out", str(tmp_path / "run.uff")]) == 0
+    sets = pyuff.UFF(str(tmp_path / "run.uff")).read_sets()
+    steps = {one["id1"].split()[0]: one["abscissa_inc"] for one in sets if one["type"] == 58}
+    assert steps[SUPPORT] == pytest.approx(1.00003e-3, rel=1.1e-5)
+    assert steps[ACCELERATION] == pytest.approx((1.0 - 20e-6) / 1280.0, rel=1.1e-5)
+
+
+def test_the_command_takes_channels_of_two_devices(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["bag", "analyse", str(bag), "--output", ACCELERATION, "--out", str(tmp_path), "--integrate", "4"]
+    assert main(words) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "a constant delay between these is in the phase" in shown
+    assert "beam_acceleration: integrated twice above 4 Hz, whole from 8 Hz on; drift" in shown
+
+
+def test_stamps_that_no_crystal_explains_are_left_out_of_account() -> None:
+    index = np.arange(0, 60_000, 50)
+    exact = clock_of(index, 10**18 + index * 1_000_000, 1000.0)
+    assert (exact.rate, exact.error, exact.course) == (1000.0, 0.0, None)
+    wrong = clock_of(index, 10**18 + index * 1_000_000 + (index > 30_000) * 10**10, 1000.0)
+    assert wrong.rate == 1000.0
+    assert math.isnan(wrong.error)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.28, 12.8])
+def test_interpolation_is_band_limited_and_keeps_gaps(ratio: float) -> None:
+    rate, random = 1000.0 * ratio, np.random.default_rng(3)
+    time = np.arange(round(20.0 * rate)) / rate
+    places = np.sort(random.uniform(100.0 * ratio, len(time) - 100.0 * ratio, 4000))
+    for frequency, kept in ((3.0, 1.0), (100.0, 1.0), (400.0, 1.0), *(((600.0, 0.0),) if ratio > 1.3 else ())):
+        wave = 2.0 + np.sin(TAU * frequency * time)
+        found = interpolated(wave, places, ratio)
+        np.testing.assert_allclose(found, 2.0 + kept * np.sin(TAU * frequency * places / rate), atol=1e-4)
+    wave[5000:5003] = np.nan
+    found = interpolated(wave, places, ratio)
+    missing = np.isnan(found)
+    assert missing[(places > 5000) & (places < 5002)].all()
+    assert not missing[np.abs(places - 5001) > 40.0 * ratio].any()
+
+
+def _blocks(device: Acquisition, seconds: float) -> tuple[list[Block], float]:
+    ready, taken = threading.Event(), list[Block]()
+    reader = Reader(device, device.open(), ready.set, lambda _fault, _text: None)
+    reader.start()
+    while not taken or taken[-1].next_index < seconds * (reader.rate or 1e9):
+        assert ready.wait(100.0)
+        ready.clear()
+        taken += reader.take()
+    reader.stop()
+    device.close()
+    assert reader.rate is not None
+    return taken, reader.rate
+
+
+@pytest.mark.slow
+def test_two_stand_ins_whose_clocks_differ_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By their own clocks they would be 4 ms apart after 20 s, 72 degrees at 50 Hz."""
+    for name, slow in (("LJM", 100e-6), ("DAQMX", -100e-6)):
+        control = Control(tmp_path / name)
+        control.slow(slow)
+        control.close()
+        monkeypatch.setenv(f"ATPID_{name}_CONTROL", str(tmp_path / name))
+        monkeypatch.setenv(f"ATPID_{name}_SOURCE", "sine:frequency=50,common=1")
+    libraries, shared = build(), {"rate": 1000.0, "scans_per_block": 50}
+    ljm, daqmx = (str(libraries / name) for name in ("libLabJackM.so", "libnidaqmx.so"))
+    devices: list[Acquisition] = [
+        LabJackAcquisition(LabJackSettings(channels=channels(0, "AIN", count=1), library=ljm, **shared)),
+        NiAcquisition(NiSettings(channels=channels(0, "ai", count=1), library=daqmx, **shared)),
+    ]
+    found: dict[int, tuple[list[Block], float]] = {}
+    threads = [
+        threading.Thread(target=lambda place=place: found.update({place: _blocks(devices[place], 20.0)}))
+        for place in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    origin = found[0][0][0].stamp_ns
+    signals = []
+    for place, (blocks, rate) in sorted(found.items()):
+        index = np.concatenate([block.first_index + np.arange(len(block.volts)) for block in blocks])
+        stamp = np.concatenate([block.stamp_ns + np.rint(np.arange(len(block.volts)) / rate * 1e9).astype(np.int64)
+                                for block in blocks])  # fmt: skip
+        clock = clock_of(index, stamp, rate)
+        assert 1e6 * clock.drift == pytest.approx((100.0, -100.0)[place], abs=60.0)
+        volts = np.concatenate([block.volts[:, 0] for block in blocks])
+        begin = (int(stamp[0]) - origin) * 1e-9 + clock.late
+        signals.append(
+            Signal(str(place), begin, int(stamp[0]), clock.rate, volts, "V", str(place), str(place), clock=clock)
+        )
+    one, other = joined(signals)
+    turns = np.exp(-1j * TAU * 50.0 * one.time)
+    phases = []
+    for second in range(2, 19):
+        part = slice(second * 1000, (second + 1) * 1000)
+        sums = [np.nansum((signal.values[part] - 3.0) * turns[part]) for signal in (one, other)]
+        phases.append(np.degrees(np.angle(sums[1] / sums[0])))
+    assert np.ptp(phases) < 20.0, "1.1 ms, on a loaded machine"
+    assert abs(np.median(phases)) < 15.0
