@@ -21,7 +21,7 @@ from atpid_control.runs.errors import BagError
 from atpid_control.runs.imports import csv_file, mat_file, tdms_file, uff_file, wav_file
 from atpid_control.runs.imports.series import PIECE, Given, Grid, Reader, Series
 from atpid_control.runs.imports.units import si_of
-from atpid_control.runs.metadata import IMPORTED, new_run
+from atpid_control.runs.metadata import new_run
 from atpid_control.runs.recover import building
 from atpid_control.runs.topics import BLOCK
 from atpid_control.runs.writer import BagWriter, check_new
@@ -185,9 +185,14 @@ def _placed(channels: list[_Channel], given: Given) -> dict[Grid, list[_Channel]
 def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channel]], given: Given) -> list[str]:
     """Write the bag; return a line for each channel."""
     topics = {grid: f"/sensors/imported{f'_{n}' if n > 1 else ''}" for n, grid in enumerate(streams, 1)}
-    lines = [f"{topics[grid]} {one.name} [{one.unit}] = {one.factor:g} × {one.source} [{one.series.unit}], "
-             f"{grid.rows} samples at {grid.rate:.10g} Hz" for grid, group in streams.items() for one in group]  # fmt: skip
-    writer = BagWriter(folder, new_run(**{IMPORTED: one_line(", ".join(path.name for path in files))}), chunk=_CHUNK)
+    lines = [
+        f"{topics[grid]} {one.name} [{one.unit}] = {one.factor:g} × {one.source} [{one.series.unit}], "
+        f"{grid.rows} samples at {grid.rate:.10g} Hz"
+        for grid, group in streams.items()
+        for one in group
+    ]
+    names = one_line(", ".join(path.name for path in files))  # the fact IMPORTED
+    writer = BagWriter(folder, new_run(imported=names), chunk=_CHUNK)
     invalid: dict[str, int] = {}
     for grid in streams:
         writer.add_topic(topics[grid], BLOCK)

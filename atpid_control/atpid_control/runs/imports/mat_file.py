@@ -67,7 +67,7 @@ def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate:
             columns |= {key: ("", values) for key, values in _columns(name, item)}
     rate = next((scalars[name] for name in RATES if scalars.get(name, 0.0) > 0.0), rate)
     rate = next((1.0 / scalars[name] for name in STEPS if scalars.get(name, 0.0) > 0.0), rate)
-    units = next((inner.pop(name) for name in _UNITS if name in inner), {})
+    units: Mapping[str, Any] = next((inner.pop(name) for name in _UNITS if name in inner), {})
     columns = {name: (_text(units.get(name, "")), values) for name, (_, values) in columns.items()}
     found: list[Series] = []
     longest = max((len(values) for _, values in columns.values()), default=0)

@@ -103,7 +103,7 @@ def timed(
             given.notes.append(f"{path.name}: {group}{time}: left out, rows count as even at --rate {given.rate:g} Hz")
         grid = Grid(given.rate or rate or 1.0, rows, start_ns or 0, start_ns is not None)
     elif time:
-        grid = even(f"{path}: {group}{time}", *reversed(columns[time]), given, start_ns)
+        grid = even(f"{path}: {group}{time}", columns[time][1], columns[time][0], given, start_ns)
     else:
         raise BagError(
             f"{path}: no times and no rate in it; give --rate HZ, or --time with one of {', '.join(columns)[:200]}"
@@ -154,7 +154,7 @@ def even(where: str, times: Any, unit: str, given: Given, start_ns: int | None =
         given.notes.append(f"{where}: {len(jumps)} gaps, {jumps[-1][1] - jumps[-1][0]} samples missing{shifted}")
     scale, zero = known[1], float(first[0])
     at = round(zero * scale * 1e9) if start_ns is None else start_ns
-    return Grid(_shortest(1.0 / (exact * scale), digit / lasted), len(times), at, start_ns is not None, tuple(jumps))
+    return Grid(shortest(1.0 / (exact * scale), digit / lasted), len(times), at, start_ns is not None, tuple(jumps))
 
 
 _ADVICE = "give --rate HZ to go by rows, or sample it anew at an even rate"
@@ -183,12 +183,13 @@ def _last_digit(times: NDArray[np.float64]) -> float:
     """Return the value of the last decimal digit that times (n,) have, as far as a double has it."""
     least = 4.0 * float(np.spacing(np.abs(times).max()))
     for place in range(13):
-        if (scaled := times * 10.0**place) is not None and (np.abs(scaled - np.rint(scaled)) <= 1e-6).all():
+        scaled = times * 10.0**place
+        if (np.abs(scaled - np.rint(scaled)) <= 1e-6).all():
             return max(10.0**-place, least)
     return least
 
 
-def _shortest(rate: float, error: float) -> float:
+def shortest(rate: float, error: float) -> float:
     """Return the shortest number that a rate may be whose relative error is `error`."""
     near = (float(f"{rate:.{digits}g}") for digits in range(1, 17))
     return next((one for one in near if math.isclose(one, rate, rel_tol=error + 1e-15)), rate)

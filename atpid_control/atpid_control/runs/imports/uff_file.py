@@ -14,7 +14,7 @@ import numpy as np
 import pyuff
 
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.imports.series import Given, Grid, Series, _shortest, timed
+from atpid_control.runs.imports.series import Given, Grid, Series, shortest, timed
 from atpid_control.runs.imports.units import si_of
 
 _TIME_RESPONSE, _TIME_AXIS, _EVEN = 1, 17, 1
@@ -33,7 +33,7 @@ def read(path: Path, given: Given) -> list[Series]:
             raise BagError(f"{path}: is cut off, its last data set has no end; save it anew")
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
-    factors = next((file.read_sets(place) for place, kind in enumerate(kinds) if kind == 164), {})
+    factors: dict[str, Any] = next((file.read_sets(place) for place, kind in enumerate(kinds) if kind == 164), {})
     others = sorted({kind for kind in kinds if kind not in (58, 151, 164)})
     given.notes += (
         [f"{path.name}: data sets {', '.join(map(str, others))}: left out, no time responses"] if others else []
@@ -72,7 +72,7 @@ def _times(one: dict[str, Any], given: Given) -> tuple[float, int, bool]:
     step, after = float(one["abscissa_inc"]), round(float(one["abscissa_min"]) * 1e9)
     if not (step > 0.0 or given.rate):
         raise BagError(f"data set 58: its step is {step:g} s; give --rate HZ")
-    rate = given.rate or _shortest(1.0 / step, 5e-6)
+    rate = given.rate or shortest(1.0 / step, 5e-6)
     for form in ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S"):
         with suppress(ValueError):
             begin = datetime.strptime(str(one.get("id3") or "").strip(), form).replace(tzinfo=timezone.utc)
