@@ -18,6 +18,8 @@ _SAMPLE = 1 << 17  # from which the layout is found [bytes]
 _LINES, _SEPARATORS = 200, ";\t,| "
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d")
 _NAMED = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
+#: pandas reads floats to the last digit by default from version 3 on.
+_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 _RATE = re.compile(r"(?:rate|frequency|\bfs)\b\W*([0-9.,eE+]+)\s*(k?)Hz", re.IGNORECASE)
 
 
@@ -100,7 +102,7 @@ def _fit(lines: list[str], separator: str, decimal: str) -> Any:
 def _cells(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split() or [""]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [""])]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])] or [""]
 
 
 def _kind(cell: str, decimal: str) -> str:
@@ -184,7 +186,7 @@ def _chunks(path: Path, layout: _Layout, places: list[int]) -> Iterator[pd.DataF
     reading = pd.read_csv(
         path, sep=separator, decimal=layout.decimal, header=None, skiprows=layout.first, usecols=places,
         names=range(len(layout.names)), index_col=False, chunksize=PIECE, encoding=layout.encoding,
-        float_precision="round_trip", low_memory=False, skipinitialspace=True, encoding_errors="replace",
+        **_EXACT, low_memory=False, skipinitialspace=True, encoding_errors="replace",
     )  # fmt: skip
     with reading:
         yield from reading

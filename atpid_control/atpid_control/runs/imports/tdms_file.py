@@ -14,7 +14,8 @@ _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 def read(path: Path, given: Given) -> list[Series]:
     """Return the channels, which the open file is read for when they are taken. Raises BagError."""
-    file = given.open.enter_context(library("nptdms", "npTDMS", "TDMS").TdmsFile.open(path))
+    stream = given.open.enter_context(path.open("rb"))
+    file = given.open.enter_context(library("nptdms", "npTDMS", "TDMS").TdmsFile.open(stream))
     found: list[Series] = []
     for group in file.groups():
         columns: dict[str, tuple[str, Any]] = {}

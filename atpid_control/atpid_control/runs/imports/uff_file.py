@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Universal files: time responses of data sets 58, in ASCII or binary, read by pyuff record by record.
 
-Records of one channel that follow each other, as this project's export writes them, are one channel with gaps.
+Records of one channel that follow each other, as this project's export writes them, are one channel, NaN between them.
 """
 
 import re
@@ -18,6 +18,8 @@ from atpid_control.runs.imports.series import Given, Grid, Series, shortest, tim
 from atpid_control.runs.imports.units import si_of
 
 _TIME_RESPONSE, _TIME_AXIS, _EVEN = 1, 17, 1
+#: Longest time between the records of a channel, all together [s].
+_MOST_MISSING = 600.0
 #: Specific data types, with their SI units and by which factor of data set 164 they are divided.
 _QUANTITIES = {8: ("m", "length"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -93,18 +95,18 @@ def _unit(one: dict[str, Any], factors: dict[str, Any], given: Given) -> str:
 
 
 def _joined(name: str, rate: float, parts: list[tuple[int, bool, Any, str]], given: Given) -> list[Series]:
-    """Return the records of one name as one series with gaps where they follow each other, else as several."""
+    """Return the records of one name as one series where they follow each other, NaN between them, else as several."""
     start, dated, _, unit = parts[0]
-    jumps, rows, end = list[tuple[int, int]](), 0, 0
-    for stamp, _, values, _ in parts:
-        index = round((stamp - start) * 1e-9 * rate)
-        if index < end:
-            grids = [Grid(rate, len(part), at, since) for at, since, part, _ in parts]
-            return [Series(f"{name}_{n}" if n else name, own, part, grid)
-                    for n, ((_, _, part, own), grid) in enumerate(zip(parts, grids, strict=True))]  # fmt: skip
-        jumps += [(rows, index)] if index > end else []
-        rows, end = rows + len(values), index + len(values)
-    if jumps:
-        given.notes.append(f"{name}: {len(parts)} records are one channel, {end - rows} samples missing between them")
-    values = parts[0][2] if len(parts) == 1 else np.concatenate([part for _, _, part, _ in parts])
-    return [Series(name, unit, values, Grid(rate, rows, start, dated, tuple(jumps)))]
+    places = [round((stamp - start) * 1e-9 * rate) for stamp, *_ in parts]
+    ends = [place + len(part) for place, (_, _, part, _) in zip(places, parts, strict=True)]
+    missing = ends[-1] - sum(len(part) for _, _, part, _ in parts)
+    if any(place < end for end, place in zip(ends, places[1:], strict=False)) or missing > _MOST_MISSING * rate:
+        return [Series(f"{name}_{n}" if n else name, own, part, Grid(rate, len(part), at, since))
+                for n, (at, since, part, own) in enumerate(parts)]  # fmt: skip
+    if len(parts) == 1:
+        return [Series(name, unit, parts[0][2], Grid(rate, ends[0], start, dated))]
+    given.notes.append(f"{name}: {len(parts)} records are one channel, {missing} samples missing between them are NaN")
+    values = np.full(ends[-1], np.nan)
+    for place, end, (_, _, part, _) in zip(places, ends, parts, strict=True):
+        values[place:end] = part
+    return [Series(name, unit, values, Grid(rate, len(values), start, dated))]

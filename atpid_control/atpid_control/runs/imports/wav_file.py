@@ -34,7 +34,7 @@ def read(path: Path, given: Given) -> list[Series]:
         try:
             rate, data = wavfile.read(path, mmap=True)
         except ValueError as error:
-            if "mmap" not in str(error) or "24" not in str(error):
+            if "mmap" not in str(error):
                 raise
             rate, data = wavfile.read(path)
     if not rate > 0 or not data.size:
