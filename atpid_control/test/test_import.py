@@ -76,7 +76,7 @@ def uff(path: Path, made: Made, binary: int = 1) -> None:
             ordinate_spec_data_type=8, orddenom_spec_data_type=0, z_axis_spec_data_type=0, abscissa_min=0.0,
             abscissa_inc=1.0 / made.rate,
         ) | {"ordinate_axis_lab": name, "ordinate_axis_units_lab": "m"}  # fmt: skip
-        pyuff.UFF(str(path)).write_sets(one, "add" if node > 1 else "overwrite")
+        pyuff.UFF(str(path)).write_sets(one, "add")
 
 
 def mat(path: Path, made: Made, nested: bool = False) -> None:
@@ -138,10 +138,27 @@ def imported(path: Path, *wanted: str, **how: Any) -> Run:
     return open_run(out)
 
 
-@pytest.mark.parametrize("form", FORMS)
+#: Read by a process of its own, which takes half a second a file.
+OWN_PROCESS = ["mat", "mat by rate", "mat of structs"]
+OTHERS = [form for form in FORMS if form not in OWN_PROCESS]
+FEW = settings(EXAMPLES, max_examples=5)
+
+
+@pytest.mark.parametrize("form", OTHERS)
 @EXAMPLES
 @given(made=tables())
 def test_numbers_rate_and_start_come_back(form: str, made: Made, place: Callable[[], Path]) -> None:
+    come_back(form, made, place)
+
+
+@pytest.mark.parametrize("form", OWN_PROCESS)
+@FEW
+@given(made=tables())
+def test_numbers_and_rate_of_matlab_come_back(form: str, made: Made, place: Callable[[], Path]) -> None:
+    come_back(form, made, place)
+
+
+def come_back(form: str, made: Made, place: Callable[[], Path]) -> None:
     ending, write, off = FORMS[form]
     path = place() / f"measured{ending}"
     write(path, made)
@@ -161,10 +178,34 @@ def test_every_ending_has_a_form_that_is_tested() -> None:
     assert not same
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", OTHERS)
 @EXAMPLES
 @given(data=st.data(), made=tables())
 def test_what_is_torn_or_garbled_is_one_line_and_no_bag(
+    form: str, data: st.DataObject, made: Made, place: Callable[[], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn_or_garbled(form, data, made, place, capsys)
+
+
+@FEW
+@given(data=st.data(), made=tables())
+def test_what_is_torn_or_garbled_of_matlab(
+    data: st.DataObject, made: Made, place: Callable[[], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn_or_garbled("mat", data, made, place, capsys)
+
+
+def test_what_ends_the_library_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mat_by_rate(tmp_path / "a.mat", Made(10.0, {"beam": np.arange(40.0)}))
+    content = bytearray((tmp_path / "a.mat").read_bytes())
+    content[176] = 83  # the type of the numbers: scipy ends with a segmentation fault
+    (tmp_path / "a.mat").write_bytes(content)
+    assert main(["bag", "import", str(tmp_path / "a.mat"), "--out", str(tmp_path / "bag")]) == 2
+    assert "a.mat: cannot be read as MATLAB 5, it is damaged" in capsys.readouterr().err
+    assert [item.name for item in tmp_path.iterdir()] == ["a.mat"]
+
+
+def torn_or_garbled(
     form: str, data: st.DataObject, made: Made, place: Callable[[], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     ending, write, _ = FORMS[form]
@@ -294,8 +335,9 @@ def test_gaps_keep_their_time_and_are_listed(tmp_path: Path) -> None:
 
 
 def test_invalid_samples_are_nan_and_counted(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("time,beam,text\n" + "".join(
-        f"{n / 8},{cell},on\n" for n, cell in enumerate(["1", "", "2", "overload", "inf", "3", *["4"] * 20])))  # fmt: skip
+    cells = ["1", "", "2", "overload", "inf", "3", *["4"] * 20]
+    rows = "".join(f"{n / 8},{cell},on\n" for n, cell in enumerate(cells))
+    (tmp_path / "a.csv").write_text(f"time,beam,text\n{rows}")
     beam = imported(tmp_path / "a.csv").signal("beam")
     np.testing.assert_array_equal(np.isnan(beam.values[:6]), [False, True, False, True, True, False])
     kept = lines(tmp_path / "bag")

@@ -5,6 +5,9 @@ Variables, and the fields of each struct, are a table: with times, or a rate, am
 """
 
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -41,13 +44,22 @@ def read(path: Path, given: Given) -> list[Series]:
         file = given.open.enter_context(library("h5py", "h5py", "MAT 7.3").File(path, "r"))
         tree: Mapping[str, Any] = {name: item for name, item in file.items() if not name.startswith("#")}
     else:
-        within_memory(path, 2 * path.stat().st_size)
-        whole = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
-        tree = {name: item for name, item in whole.items() if not name.startswith("__")}
+        within_memory(path, 3 * path.stat().st_size)
+        tree = _loaded(path)
     found = _tables(path, "", tree, given, None)
     if not found:
         raise BagError(f"{path}: no numbers with times or a rate in it; give --rate HZ, or another file")
     return found
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """Return the variables of a file of version 5, read by a process of its own, which scipy ends for some damage."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        try:
+            whole = pool.submit(loadmat, path, simplify_cells=True).result()
+        except BrokenProcessPool:
+            raise BagError(f"{path}: cannot be read as MATLAB 5, it is damaged; save it anew") from None
+    return {name: item for name, item in whole.items() if not name.startswith("__")}
 
 
 def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate: float | None) -> list[Series]:
