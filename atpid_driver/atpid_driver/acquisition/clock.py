@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 MINIMA = 120  # seconds of history
 
@@ -23,6 +24,20 @@ class HardwareClock:
     def stamp_ns(self, index: int) -> int:
         """Return the time of scan `index` [ns since the epoch]."""
         return self.start_ns + round(index / self.rate * 1e9)
+
+
+def earliest_line(places: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[float, float]:
+    """Return slope and offset of the line on which arrivals (n,) would be that nothing delays.
+
+    It is fitted to the least late of each tenth of the places (n,): a delay is never negative.
+    """
+    slope, offset = np.polyfit(places, times, 1)
+    for _ in range(3):
+        late = times - slope * places - offset
+        parts = [part for part in np.array_split(np.argsort(places), 10) if part.size]
+        least = [int(part[np.argmin(late[part])]) for part in parts]
+        slope, offset = np.polyfit(places[least], times[least], 1)
+    return float(slope), float(offset)
 
 
 class DriftMeter:

@@ -147,10 +147,12 @@ class Reader:
         wall_ns, steady_s = self._started
         rate, before = self._status.rate, self._status.next_index
         origin_s = min(steady_s, arrival - block.next_index / rate)
+        stated: int | None = getattr(self._device, "start_ns", None)  # of a device that has a clock of its own
         if self.clock is None:
-            self.clock = HardwareClock(wall_ns + round((origin_s - steady_s) * 1e9), rate)
+            self.clock = HardwareClock(stated or wall_ns + round((origin_s - steady_s) * 1e9), rate)
             self._origin_s = origin_s
-        self._base_index = max(before, round((origin_s - self._origin_s) * rate)) if before else 0
+        gone_s = origin_s - self._origin_s if stated is None else (stated - self.clock.start_ns) * 1e-9
+        self._base_index = max(before, round(gone_s * rate)) if before else 0
         self._base_dropped = self._status.dropped + self._base_index - before
         again = self._status.interruptions > 0
         self._update(streaming=True, last_error="")
