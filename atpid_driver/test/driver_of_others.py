@@ -4,12 +4,13 @@
     python driver_of_others.py KIND RATE LOSS JITTER REORDER SECONDS
 
 KIND: imu, state (both with a stamp), array, number or scans (10 scans of 2 numbers a message). A number published is
-the index of its scan, so that what arrives says where it belongs; 1000 scans and more are published before SECONDS.
+the index of its scan, and the first line printed the time of scan 0 [ns], so that what arrives says where it belongs; 1000 scans and more are published before SECONDS.
 """
 
 import random
 import sys
 import time
+from importlib import import_module
 
 import rclpy
 from atpid_interfaces.msg import CeilingState
@@ -22,9 +23,7 @@ from atpid_common.nodes.messages import time_of
 
 def message(kind: str, index: int, stamp_ns: int) -> object:
     if kind == "imu":
-        from sensor_msgs.msg import Imu
-
-        imu = Imu()
+        imu = import_module("sensor_msgs.msg").Imu()
         imu.header.stamp = time_of(stamp_ns)
         imu.linear_acceleration.z, imu.angular_velocity.x = float(index), -float(index)
         return imu
@@ -46,12 +45,16 @@ def main() -> None:
     publisher = node.create_publisher(type(message(kind, 0, 0)), "imu/data", QoSProfile(depth=1000))
     period, waiting = 1.0 / rate, list[tuple[float, int, int]]()  # when, index, stamp
     began, wall = time.monotonic(), time.time_ns()
-    index = 0
+    print(wall, flush=True)
+    index, last = 0, 0.0
     while time.monotonic() < began + seconds:
         due = began + index * period
         if not (loss and index * period > 3.0 and chance.random() < loss):
             shaken = wall + round((index * period + chance.uniform(-0.2, 0.2) * (jitter > 0.0) * period) * 1e9)
             delay = chance.expovariate(1.0 / jitter) if jitter else 0.0
+            if kind not in ("imu", "state"):  # nothing in a message would state its place
+                delay = max(delay, last - due)
+                last = due + delay
             waiting.append((due + delay + (3.0 * period if chance.random() < reorder else 0.0), index, shaken))
         index += 1
         waiting.sort()

@@ -27,17 +27,26 @@ class HardwareClock:
 
 
 def earliest_line(places: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[float, float]:
-    """Return slope and offset of the line on which arrivals (n,) would be that nothing delays.
+    """Return slope and offset of the line on which arrivals (n,) at rising places (n,) would be that nothing delays.
 
-    It is fitted to the least late of each tenth of the places (n,): a delay is never negative.
+    A delay is never negative: of the lines below all arrivals it is the nearest, an edge of their lower convex hull
+    (S. Moon, P. Skelly, D. Towsley, INFOCOM 1999).
     """
-    slope, offset = np.polyfit(places, times, 1)
-    for _ in range(3):
-        late = times - slope * places - offset
-        parts = [part for part in np.array_split(np.argsort(places), 10) if part.size]
-        least = [int(part[np.argmin(late[part])]) for part in parts]
-        slope, offset = np.polyfit(places[least], times[least], 1)
-    return float(slope), float(offset)
+    hull = list[tuple[float, float]]()
+    for place, time in zip(places.tolist(), times.tolist(), strict=True):
+        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], (place, time)):
+            hull.pop()
+        hull.append((place, time))
+    middle = float(places.mean())
+    edge = next((n for n in range(1, len(hull)) if hull[n][0] >= middle), len(hull) - 1)
+    (first, begin), (last, end) = hull[edge - 1], hull[edge]
+    slope = (end - begin) / (last - first) if last > first else math.nan
+    return slope, begin - slope * first
+
+
+def _turns_down(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float]) -> bool:
+    run, rise = middle[0] - first[0], middle[1] - first[1]
+    return run * (last[1] - first[1]) <= rise * (last[0] - first[0])
 
 
 class DriftMeter:

@@ -21,6 +21,8 @@ from atpid_driver.acquisition.settings import AcquisitionSettings, setting
 
 #: Largest difference of the measured rate from the one asked for [-]; time over which it is measured [s], and messages.
 RATE_OFF, MEASURED_S, MEASURED = 0.02, 2.0, 20
+#: The same of a rate from single steps, which jitter.
+_ABOUT = 0.4
 #: By how much of its distance from the grid a stamp moves it; longest step of the stamps [s].
 _FOLLOW, _LONGEST_STEP = 0.02, 10.0
 
@@ -94,8 +96,10 @@ class TopicAcquisition(Device):
         steady_s = np.array([one.steady_s for one in seen])
         if seen[0].stamp_ns is not None:
             times = np.array([one.stamp_ns - seen[0].stamp_ns for one in seen if one.stamp_ns is not None]) * 1e-9
+            step = float(np.median(np.diff(np.sort(times))))  # of whatever rate: messages may be lost, or early
+            self._check_rate(scans / step if step > 0.0 else 0.0, _ABOUT)
             places = np.rint(times * self._settings.rate / scans)
-            slope, offset = np.polyfit(places, times, 1) if np.ptp(places) else (0.0, 0.0)
+            slope, offset = np.polyfit(places, times, 1)
             zero_ns = seen[0].stamp_ns
         else:
             places = np.array(
@@ -104,11 +108,7 @@ class TopicAcquisition(Device):
             slope, offset = earliest_line(places, steady_s - steady_s[0])
             zero_ns = time.time_ns() + round((steady_s[0] - time.monotonic()) * 1e9)
         rate = scans / slope if slope > 0.0 else 0.0
-        if not abs(rate / self._settings.rate - 1.0) < RATE_OFF:
-            source = self._settings.source
-            raise SetupRefusedError(
-                f"{source} gives {rate:.6g} scans/s, `rate` is {self._settings.rate:g}: set it right"
-            )
+        self._check_rate(rate, RATE_OFF)
         self._measured = rate if self._measured is None else self._measured
         self._scans, self._rows = scans, dict[int, Any]()
         self._zero = int(places.max()) + 1  # the place of index 0, in messages after the first one seen
@@ -117,6 +117,11 @@ class TopicAcquisition(Device):
         self.start_ns = zero_ns + round((offset + slope * self._zero) * 1e9)
         self._reached: float | None = None
         return self._started(self._measured)
+
+    def _check_rate(self, rate: float, off: float) -> None:
+        if not abs(rate / self._settings.rate - 1.0) < off:
+            told = f"{self._settings.source} gives {rate:.4g} scans/s, `rate` is {self._settings.rate:g}"
+            raise SetupRefusedError(f"{told}: set it within {100 * RATE_OFF:g} %")
 
     def _next_arrival(self, until: float | None = None) -> Arrival:
         """Wait for a message; raise StreamLostError where none comes. Raises TimeoutError at `until` [s, steady]."""

@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from atpid_common.nodes.messages import nanoseconds_of
+from atpid_common.nodes.messages import STEADY, nanoseconds_of
 from atpid_driver.acquisition import SetupRefusedError
 from atpid_driver.acquisition.topic import TopicAcquisition
 
 _TERMINAL = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\[(\d+)\])?")
-_QOS = QoSProfile(
-    depth=1000, reliability=ReliabilityPolicy.BEST_AVAILABLE, durability=DurabilityPolicy.BEST_AVAILABLE
-)  # fmt: skip
+_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+_LOOK = 0.1  # how often a publisher is looked for [s]
 
 
 def listen(node: Node, device: TopicAcquisition) -> None:
@@ -46,7 +45,12 @@ def listen(node: Node, device: TopicAcquisition) -> None:
         number = info.get("publication_sequence_number")
         device.arrived(values, stamp or None, number if isinstance(number, int) and 0 < number < 2**62 else None)
 
-    node.create_subscription(kind, settings.source, on_message, _QOS)
+    def subscribe() -> None:  # what is best available is found among the publishers that are there
+        if node.count_publishers(settings.source):
+            looking.cancel()
+            node.create_subscription(kind, settings.source, on_message, _QOS)
+
+    looking = node.create_timer(_LOOK, subscribe, clock=STEADY)
 
 
 def _scans(message: Any, take: list[tuple[Callable[[Any], Any], int | None]], columns: int) -> Any:
