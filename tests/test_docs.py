@@ -71,6 +71,11 @@ RUN = {
     "tests/test_stop_chain.py": {
         r"python -m studies stop-chain": "test_ways_to_stop_end_with_the_motor_off_and_a_true_answer",
     },
+    "atpid_control/test/test_import.py": {r"atpid bag import ": "test_the_examples_of_the_page_run"},
+    "tests/test_howto_driver.py": {
+        r"python driver\.py$": "test_its_samples_arrive",
+        r"python -m atpid_driver\.nodes\.acquisition_node .*driver\.yaml": "test_its_samples_arrive",
+    },
     "tests/test_howto_sensor.py": {
         r"python -m pytest -q test_load_cell\.py": "test_the_sensor_passes_the_contract",
         r"python -m pip install ": "test_its_samples_arrive",
@@ -230,7 +235,7 @@ NOT_RUN = {
     r"make lock$": "resolves against the package index; its results have a test",
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
-    r"make parquet$": "installs a package; .ci/run does it",
+    r"make (parquet|import)$": "installs packages; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",

@@ -2,6 +2,8 @@
 """Files that other programs wrote become bags: npTDMS, pyuff, scipy, h5py and pandas write, `open_run` reads."""
 
 import io
+import shlex
+import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
@@ -11,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import pyuff
-from exported import BAG, RATE, expected, run, written
+from exported import BAG, RATE, ROOT, expected, run, written
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat, wavfile
@@ -26,8 +28,7 @@ from atpid_control.runs.verify import verify
 
 #: pyuff leaves files open that it writes.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
-nptdms = pytest.importorskip("nptdms", reason="npTDMS and h5py are missing: make import")
-h5py = pytest.importorskip("h5py", reason="npTDMS and h5py are missing: make import")
+MISSING = "npTDMS or h5py is missing: make import"
 START = datetime(2026, 3, 4, 5, 6, 7, tzinfo=timezone.utc)
 START_NS = int(START.timestamp()) * 10**9
 RATES = (10.0, 100.0, 512.0, 1000.0, 1024.0, 4096.0, 10_000.0, 51_200.0)
@@ -60,6 +61,7 @@ def tables(draw: st.DrawFn) -> Made:
 
 
 def tdms(path: Path, made: Made) -> None:
+    nptdms = pytest.importorskip("nptdms", reason=MISSING)
     about = {"wf_increment": 1.0 / made.rate, "wf_start_offset": 0.0, "unit_string": "m"}
     about |= {"wf_start_time": np.datetime64(START.replace(tzinfo=None))} if made.dated else {}
     with nptdms.TdmsWriter(path) as writer:
@@ -92,6 +94,7 @@ def mat_by_rate(path: Path, made: Made) -> None:
 
 
 def mat_73(path: Path, made: Made) -> None:
+    h5py = pytest.importorskip("h5py", reason=MISSING)
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in made.values.items():
             file.create_dataset(name, data=values[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
@@ -350,6 +353,7 @@ def test_invalid_samples_are_nan_and_counted(tmp_path: Path) -> None:
 
 
 def test_several_rates_and_files_are_several_streams(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms", reason=MISSING)
     with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
         for name, rate, rows in (("laser", 1000.0, 500), ("acc", 2500.0, 1250), ("force", 1000.0, 500)):
             about = {"wf_increment": 1.0 / rate, "wf_start_time": START.replace(tzinfo=None), "unit_string": "V"}
@@ -452,3 +456,29 @@ def test_memory_does_not_grow_with_a_table(tmp_path: Path) -> None:
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert most < 60e6, ending
+
+
+@pytest.mark.parametrize(("module", "ending"), [("nptdms", ".tdms"), ("h5py", ".mat")])
+def test_a_library_that_is_missing_is_one_line(
+    module: str, ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)  # as an import that fails
+    path = tmp_path / f"a{ending}"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
+    assert main(["bag", "import", str(path), "--out", str(tmp_path / "bag")]) == 2
+    assert "which is not installed; `make import` installs it" in capsys.readouterr().err
+
+
+def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
+    commands = [shlex.split(line)[1:] for line in page.splitlines() if line.startswith("    atpid bag import ")]
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(2000) / 1000.0
+    made = {"Time (s)": time, "Laser (mm)": np.sin(30.0 * time), "Shaker (V)": np.cos(30.0 * time)}
+    pd.DataFrame(made).to_csv("measured.csv", index=False)
+    wavfile.write("measured.wav", 8000, np.zeros((800, 2), np.int16))
+    for command in commands:
+        assert main(command) == 0
+    assert len(commands) == 2
+    found = open_run(tmp_path / "out/measured")
+    np.testing.assert_allclose(found.signal("support_displacement").values, 0.002 * np.cos(30.0 * time), rtol=1e-15)

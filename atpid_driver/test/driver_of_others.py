@@ -4,7 +4,7 @@
     python driver_of_others.py KIND RATE LOSS JITTER REORDER SECONDS
 
 KIND: imu, state (both with a stamp), array, number or scans (10 scans of 2 numbers a message). A number published is
-the index of its scan, and the first line printed the time of scan 0 [ns], so that what arrives says where it belongs; 1000 scans and more are published before SECONDS.
+the index of its scan, and the line printed the time of scan 0 [ns]: they state where what arrives belongs.
 """
 
 import random
