@@ -73,7 +73,6 @@ RUN = {
     },
     "atpid_control/test/test_import.py": {r"atpid bag import ": "test_the_examples_of_the_page_run"},
     "tests/test_howto_driver.py": {
-        r"python driver\.py$": "test_its_samples_arrive",
         r"python -m atpid_driver\.nodes\.acquisition_node .*driver\.yaml": "test_its_samples_arrive",
     },
     "tests/test_howto_sensor.py": {
@@ -263,7 +262,8 @@ MADE_OR_GIVEN = {
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
-    "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
+    "driver.py", "driver.yaml", "measured.csv", "load_cell.py", "test_load_cell.py", "force.yaml",
+    "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
     "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json", "analysis.html",
     "bags.html",
 }  # fmt: skip

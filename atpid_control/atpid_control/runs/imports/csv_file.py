@@ -4,6 +4,7 @@
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -155,7 +156,7 @@ def _columns(path: Path, layout: _Layout, given: Given) -> tuple[dict[str, tuple
     files = {place: given.folder / f"{len(list(given.folder.iterdir()))}.{place}" for place in places}
     wrong: dict[int, tuple[int, str]] = {}
     rows, start_ns = 0, None
-    with given.open.__class__() as stack:
+    with ExitStack() as stack:
         streams = {place: stack.enter_context(file.open("wb")) for place, file in files.items()}
         for chunk in _chunks(path, layout, places):
             for place, cells in zip(places, chunk, strict=True):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of other programs as a bag of SampleBlocks in SI units; it lists, and keeps, what it converted or left out."""
 
+import errno
 import heapq
 import re
 from collections.abc import Iterator, Sequence
@@ -91,6 +92,10 @@ def _read(path: Path, given: Given) -> list[Series]:
         found = reader(path, given)
     except BagError:
         raise
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):  # of the columns that are kept in files
+            raise
+        raise BagError(f"{path}: cannot be read: {one_line(str(error))[:160]}; save it anew") from None
     except Exception as error:  # libraries raise many types of errors for damaged files
         reason = one_line(str(error))[:160] or type(error).__name__
         raise BagError(f"{path}: cannot be read as {path.suffix.lower()} ({reason}); save it anew") from None
@@ -186,7 +191,7 @@ def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channe
     """Write the bag; return a line for each channel."""
     topics = {grid: f"/sensors/imported{f'_{n}' if n > 1 else ''}" for n, grid in enumerate(streams, 1)}
     lines = [
-        f"{topics[grid]} {one.name} [{one.unit}] = {one.factor:g} × {one.source} [{one.series.unit}], "
+        f"{topics[grid]} {one.name} [{one.unit}] = {one.factor:.12g} × {one.source} [{one.series.unit}], "
         f"{grid.rows} samples at {grid.rate:.10g} Hz"
         for grid, group in streams.items()
         for one in group

@@ -5,7 +5,7 @@ A format is a module with one `Reader`, in the table of `make`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -76,6 +76,15 @@ def library(module: str, package: str, form: str) -> Any:
         return import_module(module)
     except ImportError:
         raise BagError(f"{form}: needs {package}, which is not installed; `make import` installs it") from None
+
+
+def mapped(given: Given, pieces: Iterable[Any]) -> Any:
+    """Return the values of pieces (k,), one after the other (n,), mapped from a file. Raises OSError."""
+    path = given.folder / str(sum(1 for _ in given.folder.iterdir()))
+    with path.open("wb") as stream:
+        for piece in pieces:
+            stream.write(np.ascontiguousarray(piece, np.float64).data)
+    return np.memmap(path, np.float64, "r") if path.stat().st_size else np.zeros(0)
 
 
 def timed(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TDMS, read by npTDMS piece by piece: waveforms, and groups with a channel of times."""
+"""TDMS, read by npTDMS chunk by chunk: waveforms, and groups with a channel of times."""
 
 from datetime import datetime, timezone
 from pathlib import Path
@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.runs.imports.series import Given, Grid, Series, library, timed
+from atpid_control.runs.imports.series import Given, Grid, Series, library, mapped, timed
 
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
 def read(path: Path, given: Given) -> list[Series]:
-    """Return the channels, which the open file is read for when they are taken. Raises BagError."""
+    """Return the channels, which are kept in files beside: memory is that of a chunk. Raises BagError."""
     stream = given.open.enter_context(path.open("rb"))
     file = given.open.enter_context(library("nptdms", "npTDMS", "TDMS").TdmsFile.open(stream))
+    if file.file_status.incomplete_final_segment:
+        given.notes.append(f"{path.name}: its last segment is cut off: what is missing of it is not known")
     found: list[Series] = []
     for group in file.groups():
         columns: dict[str, tuple[str, Any]] = {}
@@ -25,13 +27,16 @@ def read(path: Path, given: Given) -> list[Series]:
             if not len(channel) or channel.dtype.kind not in "fiu":
                 what = "no samples" if not len(channel) else "no numbers"
                 given.notes.append(f"{path.name}: {group.name}/{channel.name}: left out, it holds {what}")
-            elif step > 0.0 and not given.rate:
+                continue
+            # by slices npTDMS would read a whole chunk, which may be the file, for each of them
+            values = mapped(given, (chunk[:] for chunk in channel.data_chunks()))
+            if step > 0.0 and not given.rate:
                 start = _stamp_ns(channel.properties.get("wf_start_time"))
                 after = round(float(channel.properties.get("wf_start_offset", 0.0)) * 1e9)
-                grid = Grid(_rate(step), len(channel), (start or 0) + after, start is not None)
-                found.append(Series(f"{group.name}/{channel.name}", unit, channel, grid))
+                grid = Grid(_rate(step), len(values), (start or 0) + after, start is not None)
+                found.append(Series(f"{group.name}/{channel.name}", unit, values, grid))
             else:
-                columns[channel.name] = unit, channel
+                columns[channel.name] = unit, values
         if columns:
             found += timed(path, f"{group.name}/", columns, given)
     return found
