@@ -77,7 +77,7 @@ def import_files(
         read = [(path, series) for path in files for series in _read(path, given)]
         channels = _unique(_chosen(read, wanted, given) if wanted else [_plain(*one, given) for one in read])
         if not channels:
-            raise BagError(f"{', '.join(map(str, files))}: no channel to import; {'; '.join(given.notes)[:300]}")
+            raise BagError(f"{', '.join(map(str, files))}: no channel to import{'; '.join(['', *given.notes])[:300]}")
         lines = _write(folder / out.name, files, _placed(channels, given), given)
         (folder / out.name).rename(out)
     return Imported(lines, given.notes)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """TDMS, read by npTDMS chunk by chunk: waveforms, and groups with a channel of times."""
 
+import logging
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 def read(path: Path, given: Given) -> list[Series]:
     """Return the channels, which are kept in files beside: memory is that of a chunk. Raises BagError."""
+    library("nptdms.log", "npTDMS", "TDMS").log_manager.set_level(logging.CRITICAL)  # what is cut off is a note
     stream = given.open.enter_context(path.open("rb"))
     file = given.open.enter_context(library("nptdms", "npTDMS", "TDMS").TdmsFile.open(stream))
     if file.file_status.incomplete_final_segment:
