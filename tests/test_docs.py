@@ -262,7 +262,7 @@ MADE_OR_GIVEN = {
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
-    "driver.py", "driver.yaml", "measured.csv", "load_cell.py", "test_load_cell.py", "force.yaml",
+    "driver.py", "driver.yaml", "std_msgs.msg", "measured.csv", "load_cell.py", "test_load_cell.py", "force.yaml",
     "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
     "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json", "analysis.html",
     "bags.html",
