@@ -482,3 +482,18 @@ def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(commands) == 2
     found = open_run(tmp_path / "out/measured")
     np.testing.assert_allclose(found.signal("support_displacement").values, 0.002 * np.cos(30.0 * time), rtol=1e-15)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_a_matrix_is_a_channel_a_column(version: str, tmp_path: Path) -> None:
+    table = np.random.default_rng(3).standard_normal((300, 2))
+    if version == "5":
+        savemat(tmp_path / "a.mat", {"data": table, "dt": 0.01})
+    else:
+        h5py = pytest.importorskip("h5py", reason=MISSING)
+        with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+            file["data"], file["dt"] = table.T, [[0.01]]
+    found = imported(tmp_path / "a.mat")
+    for place, signal in enumerate(found.signals("data_1", "data_2")):
+        np.testing.assert_array_equal(signal.values, table[:, place])
+        assert signal.rate == pytest.approx(100.0)

@@ -9,7 +9,7 @@ published leaves no trace.
 import threading
 import time
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import field_validator
@@ -44,13 +44,13 @@ class TopicSettings(AcquisitionSettings):
         return source
 
 
-class Arrival:
-    """One message: its scans (k, channels), stamp [ns] or None, number or None, and when it came."""
+class Arrival(NamedTuple):
+    """One message."""
 
-    __slots__ = ("number", "stamp_ns", "steady_s", "values")
-
-    def __init__(self, values: Volts, stamp_ns: int | None, number: int | None, steady_s: float) -> None:
-        self.values, self.stamp_ns, self.number, self.steady_s = values, stamp_ns, number, steady_s
+    values: Volts  # its scans (k, channels)
+    stamp_ns: int | None  # None: it has no header
+    number: int
+    steady_s: float  # when it came
 
 
 class TopicAcquisition(Device):
@@ -102,9 +102,7 @@ class TopicAcquisition(Device):
             slope, offset = np.polyfit(places, times, 1)
             zero_ns = seen[0].stamp_ns
         else:
-            places = np.array(
-                [one.number - (seen[0].number or 0) for one in seen if one.number is not None], np.float64
-            )
+            places = np.array([one.number - seen[0].number for one in seen], np.float64)
             slope, offset = earliest_line(places, steady_s - steady_s[0])
             zero_ns = time.time_ns() + round((steady_s[0] - time.monotonic()) * 1e9)
         rate = scans / slope if slope > 0.0 else 0.0
@@ -178,7 +176,7 @@ class TopicAcquisition(Device):
                 self._reference = place + steps, at_ns + round((steps + _FOLLOW * (ahead - steps)) * period_ns)
             place += steps
         else:
-            place = (one.number or 0) - (self._first.number or 0)
+            place = one.number - self._first.number
         first = (place - self._zero) * self._scans
         for index, row in enumerate(one.values, first):
             if index < self._next or index in self._rows:

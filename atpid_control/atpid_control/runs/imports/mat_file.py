@@ -15,25 +15,12 @@ import numpy as np
 from scipy.io import loadmat
 
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.imports.series import RATES, STEPS, Given, Series, library, timed
+from atpid_control.runs.imports.series import PIECE, RATES, STEPS, Given, Series, library, mapped, timed
 from atpid_control.runs.read import within_memory
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Structs of this project's export that describe others.
 _UNITS, _ABOUT = ("units", "unit"), ("names", "about")
-
-
-class _Column:
-    """One column of a dataset, which HDF5 has as a row."""
-
-    def __init__(self, dataset: Any, row: int | None) -> None:
-        self._dataset, self._row = dataset, row
-
-    def __len__(self) -> int:
-        return int(self._dataset.shape[-1] if self._row is not None else self._dataset.shape[0])
-
-    def __getitem__(self, part: Any) -> Any:
-        return self._dataset[part] if self._row is None else self._dataset[self._row, part]
 
 
 def read(path: Path, given: Given) -> list[Series]:
@@ -76,7 +63,7 @@ def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate:
         elif kind:
             given.notes.append(f"{path.name}: {group}{name}: left out, {kind}")
         else:
-            columns |= {key: ("", values) for key, values in _columns(name, item)}
+            columns |= {key: ("", values) for key, values in _columns(name, item, given)}
     rate = next((scalars[name] for name in RATES if scalars.get(name, 0.0) > 0.0), rate)
     rate = next((1.0 / scalars[name] for name in STEPS if scalars.get(name, 0.0) > 0.0), rate)
     units: Mapping[str, Any] = next((inner.pop(name) for name in _UNITS if name in inner), {})
@@ -108,19 +95,19 @@ def _kind(item: Any) -> str:
     return "" if len(shape) in (1, 2) and min(shape) > 0 else "no table of two dimensions" if shape else "empty"
 
 
-def _columns(name: str, item: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the columns of a vector or matrix: samples go along the longer side."""
-    shape, lazy = np.shape(item), not isinstance(item, np.ndarray)
-    if len(shape) == 1:
-        yield name, _Column(item, None) if lazy else item
-        return
-    rows = shape[0] < shape[1]  # of this object: that of HDF5 is the transpose of MATLAB's
-    table = item if lazy or rows else item.T
-    if lazy and not rows:
-        table = item[:].T  # stands in the file the other way round
-    for place in range(min(shape)):
-        values = _Column(table, place) if not isinstance(table, np.ndarray) else table[place]
-        yield (name if min(shape) == 1 else f"{name}_{place + 1}"), values
+def _columns(name: str, item: Any, given: Given) -> Iterator[tuple[str, Any]]:
+    """Yield the columns of a vector or matrix: samples go along the longer side. Those of HDF5 are kept in files."""
+    shape = np.shape(item)
+    rows = len(shape) > 1 and shape[0] < shape[1]  # of HDF5, which has the transpose of MATLAB's, as a rule
+    for place in range(min(shape) if len(shape) > 1 else 1):
+        values = item if len(shape) == 1 else None
+        if isinstance(item, np.ndarray) and values is None:
+            values = item[place] if rows else item[:, place]
+        elif not isinstance(item, np.ndarray):
+            parts = (slice(begin, begin + PIECE) for begin in range(0, max(shape), PIECE))
+            cut = (part if len(shape) == 1 else (place, part) if rows else (part, place) for part in parts)
+            values = mapped(given, (item[one] for one in cut))
+        yield (name if len(shape) == 1 or min(shape) == 1 else f"{name}_{place + 1}"), values
 
 
 def _text(item: Any) -> str:
