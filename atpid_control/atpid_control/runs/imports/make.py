@@ -92,6 +92,8 @@ def _read(path: Path, given: Given) -> list[Series]:
         found = reader(path, given)
     except BagError:
         raise
+    except ImportError as error:
+        raise BagError(f"{path}: needs {error.name}, which is not installed; `make import` installs it") from None
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):  # of the columns that are kept in files
             raise

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.imports.series import PIECE, RATES, STEPS, Given, Series, library, mapped, timed
+from atpid_control.runs.imports.series import PIECE, RATES, STEPS, Given, Series, mapped, timed
 from atpid_control.runs.read import within_memory
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -28,7 +28,9 @@ def read(path: Path, given: Given) -> list[Series]:
     with path.open("rb") as stream:
         start = stream.read(520)
     if _HDF5 in (start[:8], start[512:520]):
-        file = given.open.enter_context(library("h5py", "h5py", "MAT 7.3").File(path, "r"))
+        import h5py
+
+        file = given.open.enter_context(h5py.File(path, "r"))
         tree: Mapping[str, Any] = {name: item for name, item in file.items() if not name.startswith("#")}
     else:
         within_memory(path, 3 * path.stat().st_size)

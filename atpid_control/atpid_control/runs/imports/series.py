@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -64,18 +63,13 @@ class Given:
 
 
 class Reader(Protocol):
-    """Reads one file. Raises BagError where it is none of its kind; other errors of a library count as that too."""
+    """Reads one file. Raises BagError where it is none of its kind; other errors of a library count as that too.
+
+    A library that set-up leaves out is imported in it.
+    """
 
     def __call__(self, path: Path, given: Given) -> list[Series]:
         """Return the channels of a file."""
-
-
-def library(module: str, package: str, form: str) -> Any:
-    """Return a module that set-up leaves out; raise BagError where it is not installed."""
-    try:
-        return import_module(module)
-    except ImportError:
-        raise BagError(f"{form}: needs {package}, which is not installed; `make import` installs it") from None
 
 
 def mapped(given: Given, pieces: Iterable[Any]) -> Any:

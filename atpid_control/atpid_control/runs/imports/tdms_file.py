@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.runs.imports.series import Given, Grid, Series, library, mapped, timed
+from atpid_control.runs.imports.series import Given, Grid, Series, mapped, timed
 
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
 def read(path: Path, given: Given) -> list[Series]:
     """Return the channels, which are kept in files beside: memory is that of a chunk. Raises BagError."""
-    library("nptdms.log", "npTDMS", "TDMS").log_manager.set_level(logging.CRITICAL)  # what is cut off is a note
+    from nptdms import TdmsFile
+    from nptdms.log import log_manager
+
+    log_manager.set_level(logging.CRITICAL)  # what is cut off is a note
     stream = given.open.enter_context(path.open("rb"))
-    file = given.open.enter_context(library("nptdms", "npTDMS", "TDMS").TdmsFile.open(stream))
+    file = given.open.enter_context(TdmsFile.open(stream))
     if file.file_status.incomplete_final_segment:
         given.notes.append(f"{path.name}: its last segment is cut off: what is missing of it is not known")
     found: list[Series] = []
