@@ -7,7 +7,7 @@ from atpid_common.arguments import file_path, real, refuse, text
 from atpid_control.runs.imports.make import READERS, Wanted, import_files
 from atpid_sim.display import working
 
-EXAMPLE = "bags/run.csv --out out/imported --channels beam_displacement=Laser:mm support_displacement=Shaker:V:0.002"
+EXAMPLE = "measured.csv --out out/measured --channels beam_displacement=Laser:mm support_displacement=Shaker:m:0.002"
 
 
 def _wanted(given: str) -> Wanted:
