@@ -129,6 +129,10 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
 	@.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/parquet.txt
 
+.PHONY: import
+import: setup ## install what `atpid bag import` needs for TDMS and MATLAB 7.3 (docs/reading.md)
+	@.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/import.txt
+
 .PHONY: browser
 browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
 	apt-get update -q

@@ -74,6 +74,10 @@ RUN = {
     "tests/test_stop_chain.py": {
         r"python -m studies stop-chain": "test_ways_to_stop_end_with_the_motor_off_and_a_true_answer",
     },
+    "atpid_control/test/test_import.py": {r"atpid bag import ": "test_the_examples_of_the_page_run"},
+    "tests/test_howto_driver.py": {
+        r"python -m atpid_driver\.nodes\.acquisition_node .*driver\.yaml": "test_its_samples_arrive",
+    },
     "tests/test_howto_sensor.py": {
         r"python -m pytest -q test_load_cell\.py": "test_the_sensor_passes_the_contract",
         r"python -m pip install ": "test_its_samples_arrive",
@@ -233,7 +237,7 @@ NOT_RUN = {
     r"make lock$": "resolves against the package index; its results have a test",
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
-    r"make parquet$": "installs a package; .ci/run does it",
+    r"make (parquet|import)$": "installs packages; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
@@ -261,7 +265,8 @@ MADE_OR_GIVEN = {
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
-    "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
+    "driver.py", "driver.yaml", "std_msgs.msg", "measured.csv", "load_cell.py", "test_load_cell.py", "force.yaml",
+    "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
     "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json", "analysis.html",
     "bags.html",
 }  # fmt: skip

@@ -39,9 +39,11 @@ KEYS = {
 PIP_ONLY = {
     "distributed": "distributed",
     "foxglove": "foxglove-sdk",
+    "h5py": "h5py",
     "labjack": "labjack-ljm",
     "mcap": "mcap",
     "nidaqmx": "nidaqmx",
+    "nptdms": "npTDMS",
     "plotly": "plotly",
     "pyarrow": "pyarrow",
     "pyuff": "pyuff",

@@ -37,6 +37,7 @@ COMMANDS: Commands = {
         "bag compare": (f"{_CONTROL}.compare_bags", "two bags overlaid, their differences in a table"),
         "bag validate": (f"{_CONTROL}.validate", "simulate a recording with its measured support, and compare"),
         "bag export": (f"{_CONTROL}.bag_views:EXPORT", "write a bag as CSV, UFF 58, MATLAB or Parquet"),
+        "bag import": (f"{_CONTROL}.import_bag", "make a bag of TDMS, UFF 58, MATLAB, CSV or WAV files"),
         "bag traces": (f"{_CONTROL}.bag_views:TRACES", "write a bag as Foxglove and PlotJuggler plot it"),
         "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether the run in a bag kept its rules"),
         "bag verify": (f"{_CONTROL}.bag_files:VERIFY", "whether the file is whole: messages by topic, what is lost"),

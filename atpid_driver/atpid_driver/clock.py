@@ -12,6 +12,7 @@ import time
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 #: Seconds of history: in more a crystal's drift bends, in fewer delays show.
 _WINDOW = 120
@@ -29,6 +30,29 @@ def time_base_ns(*, anew: bool = False) -> int:
     if anew or TIME_BASE not in os.environ:
         os.environ[TIME_BASE] = str(time.time_ns() - time.monotonic_ns())
     return int(os.environ[TIME_BASE])
+
+
+def earliest_line(places: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[float, float]:
+    """Return slope and offset of the line on which arrivals (n,) at rising places (n,) would be that nothing delays.
+
+    A delay is never negative: of the lines below all arrivals it is the nearest, an edge of their lower convex hull
+    (S. Moon, P. Skelly, D. Towsley, INFOCOM 1999).
+    """
+    hull = list[tuple[float, float]]()
+    for point in zip(places.tolist(), times.tolist(), strict=True):
+        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    middle = float(places.mean())
+    edge = next((n for n in range(1, len(hull)) if hull[n][0] >= middle), len(hull) - 1)
+    (first, begin), (last, end) = hull[edge - 1], hull[edge]
+    slope = (end - begin) / (last - first) if last > first else math.nan
+    return slope, begin - slope * first
+
+
+def _turns_down(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float]) -> bool:
+    run, rise = middle[0] - first[0], middle[1] - first[1]
+    return run * (last[1] - first[1]) <= rise * (last[0] - first[0])
 
 
 class DeviceClock:
@@ -61,12 +85,9 @@ class DeviceClock:
             return
         at, late = np.array(self._least).T
         self._middle, self._spread = float(at.mean()), float(at.std())
-        before = at <= self._middle
-        slopes = (late[~before] - late[before, None]) / (at[~before] - at[before, None])
-        heights = late[before, None] + slopes * (self._middle - at[before, None])
-        slope = float(slopes.flat[int(np.argmin(heights))])
+        slope, offset = earliest_line(at, late)
         # the mean of an exponential distribution by its median; as if all seconds counted alike, which is cautious
-        self._scatter = float(np.median(late - heights.min() - slope * (at - self._middle))) / math.log(2.0)
+        self._scatter = float(np.median(late - offset - slope * at)) / math.log(2.0)
         self._scatter /= math.sqrt(len(at))
         self._drift = slope / (1.0 + (self._scatter / (self._spread * _USUAL)) ** 2)
         self._offset = float(np.min(late - self._drift * at))

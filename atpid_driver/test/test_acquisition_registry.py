@@ -41,7 +41,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path) -> None:
     distribution(site, "registry_good", "good")
-    assert backend_names() == ("labjack", "nidaqmx", "simulated", "good")
+    assert backend_names() == ("labjack", "nidaqmx", "simulated", "topic", "good")
     assert backend("good").settings.__name__ == "SimulatedSettings"
 
 

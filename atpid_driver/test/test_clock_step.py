@@ -93,5 +93,5 @@ def test_stamps_of_samples_go_on_with_the_devices_clock(bench: Bench, tmp_path: 
         node.process.communicate()
     first, last = bench.blocks[0], bench.blocks[-1]
     elapsed = (nanoseconds_of(last.header.stamp) - nanoseconds_of(first.header.stamp)) * 1e-9
-    assert elapsed == pytest.approx((last.first_index - first.first_index) / last.rate, abs=1e-6)
+    assert elapsed == pytest.approx((last.first_index - first.first_index) / last.rate, abs=1e-3)
     assert last.dropped == 0

@@ -30,6 +30,7 @@ STATED = {
     "kiwisolver": "BSD",
     "ros-fastcdr": "Apache-2.0",
     "ros-fastrtps": "Apache-2.0",
+    "nptdms": "LGPL-3.0-only",
     "setuptools": "MIT",
 }
 #: What may be used, changed and distributed with work under the Apache License 2.0; MPL-2.0 asks for the source
@@ -38,10 +39,12 @@ COMPATIBLE = {
     "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD", "ISC", "MIT", "MPL-2.0", "PSF-2.0", "Zlib",
     "any OSI-approved",
 }  # fmt: skip
-#: Tools that are run and neither imported by the packages nor distributed with them: what each does here.
+#: What is not distributed with the packages, and runs without being imported by them or where the user installed it:
+#: what each does here.
 TOOLS = {
     "docutils": "reads metadata while packages are built; the Emacs file is not used",
     "empy": "fills templates while the messages are built",
+    "nptdms": "reads TDMS for `atpid bag import`, after `make import`",
 }
 
 

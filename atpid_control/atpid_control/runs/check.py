@@ -26,7 +26,7 @@ from atpid_control.runs.contents import kind_of
 from atpid_control.runs.decode import Decoder
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import scans_of, stamp_of
-from atpid_control.runs.metadata import RESULT, RUN, SCENE
+from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
 from atpid_control.runs.records import bag_records
 from atpid_control.runs.writer import LIBRARY
 from atpid_sim.scene import scene_from_mapping
@@ -154,6 +154,8 @@ class _Check:
             self.ended += f"{self.ended and '; '}recorded by another program: there is no result in it"
         elif not self.result:
             self.findings.add("end", "the recording was not closed; `atpid bag recover` makes a whole bag of it")
+        elif IMPORTED in self.run:
+            self.ended = f"imported from {self.run[IMPORTED]}: no loop ran"
         elif not self.ended:
             self.ended = "stopped before a source had finished"
         for name, stream in self.scans.items():
@@ -162,7 +164,7 @@ class _Check:
                 self.findings.add(
                     "lost", f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
                 )
-        if not self.answers.answered and not self.findings.counts:
+        if not self.answers.answered and not self.findings.counts and IMPORTED not in self.run:
             self.findings.add("end", "there is no answered block in this bag")
         events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]
         lost = sum(stream.lost for stream in self.scans.values())

@@ -23,6 +23,8 @@ from atpid_control.runs.errors import BagError
 
 #: Names of the metadata records in the MCAP file.
 RUN, RESULT = "atpid_run", "atpid_result"
+#: What a bag was made of that was imported from files of another program, in its description.
+IMPORTED = "imported"
 #: Name of the attachment that holds the scene.
 SCENE = "scene.yaml"
 

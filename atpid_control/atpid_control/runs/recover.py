@@ -58,7 +58,7 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         reason = str(error)
     target = out if out is not None else path.absolute().with_name(f"{path.absolute().stem}-recovered")
     check_new(target)
-    with _building(target.absolute().parent, target.name) as folder:
+    with building(target.absolute().parent, target.name) as folder:
         names = [f"{target.name}_{place}.mcap" for place in range(len(files))]
         lost = _Copy(folder, reason).all(files, names)
         folder.rename(target)
@@ -75,7 +75,7 @@ def repair(path: Path) -> Recovered:
         return Recovered(verify(path), [], made=False)
     except BagError as error:
         reason = str(error)
-    with _building(files[0].parent, files[0].stem) as folder:
+    with building(files[0].parent, files[0].stem) as folder:
         lost = _Copy(folder, reason).all(files, [file.name for file in files])
         for file in files:
             file.rename(_unused(file.with_suffix(".mcap.damaged")))
@@ -85,7 +85,7 @@ def repair(path: Path) -> Recovered:
 
 
 @contextmanager
-def _building(parent: Path, name: str) -> Iterator[Path]:
+def building(parent: Path, name: str, what: str = "the recovered bag") -> Iterator[Path]:
     """Make a folder to build a bag in; what is left of it after an error, such as a full disk, is removed."""
     folder: Path | None = None
     try:
@@ -94,7 +94,7 @@ def _building(parent: Path, name: str) -> Iterator[Path]:
         folder.chmod(0o777 & ~_umask())
         yield folder
     except OSError as error:
-        raise BagError(f"{parent}: cannot write the recovered bag: {in_words(error)}") from None
+        raise BagError(f"{parent}: cannot write {what}: {in_words(error)}") from None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)

@@ -47,7 +47,10 @@ class Block:
 
 
 class Acquisition(Protocol):
-    """A device that streams blocks of voltages. All calls come from one thread; any may raise AcquisitionError."""
+    """A device that streams blocks of voltages. All calls come from one thread; any may raise AcquisitionError.
+
+    One with a clock of its own has the attribute `start_ns`: its time of index 0 [ns since the epoch].
+    """
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -78,6 +78,7 @@ class Reader:
         self._base_index = self._base_dropped = self._attempts = 0
         self._started = 0.0  # steady clock when the stream was last started [s]
         self._clock, self._placed = DeviceClock(), (DeviceClock(), 0)  # of this stream; of the last, its first index
+        self._stated_first: int | None = None  # what that one stated [ns]
         self.rate: float | None = None  # as the device states it [Hz]; None until the first block
         self._thread = threading.Thread(target=self._run, name=f"acquisition {identity}", daemon=True)
 
@@ -140,12 +141,20 @@ class Reader:
         self._clock = DeviceClock(self._started)
         self._update(rate=rate)
 
+    def _stated(self) -> int | None:
+        """Return the time of index 0 that a device with a clock of its own states [ns since the epoch]; None: none."""
+        stated: int | None = getattr(self._device, "start_ns", None)
+        return stated
+
     def _place(self) -> None:
         """Give index 0 of a stream that has just begun its place after the streams before it."""
         rate, before, (clock, first) = self._status.rate, self._status.next_index, self._placed
-        due = first + round(clock.device(self._clock.steady(0.0)) * rate) if before else 0
-        self.rate, self._base_index = rate, max(before, due)
-        self._placed = self._clock, self._base_index
+        stated, gone = self._stated(), 0.0
+        if before:
+            was = self._stated_first
+            gone = clock.device(self._clock.steady(0.0)) if stated is None or was is None else (stated - was) * 1e-9
+        self.rate, self._base_index = rate, max(before, first + round(gone * rate))
+        self._placed, self._stated_first = (self._clock, self._base_index), stated
         self._base_dropped = self._status.dropped + self._base_index - before
         again = self._status.interruptions > 0
         self._update(streaming=True, last_error="")
@@ -156,7 +165,8 @@ class Reader:
         arrival, rate = time.monotonic(), self._status.rate
         with self._changed:
             self._clock.add(block.next_index / rate, arrival)
-            stamp_ns = self._clock.stamp_ns(block.first_index / rate)
+            stated, first_s = self._stated(), block.first_index / rate
+            stamp_ns = self._clock.stamp_ns(first_s) if stated is None else stated + round(first_s * 1e9)
         if not self._status.streaming:
             self._place()
         if arrival - self._started > self._backoff.longest:

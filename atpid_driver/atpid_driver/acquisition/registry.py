@@ -20,6 +20,7 @@ from atpid_driver.acquisition.settings import (
     checked,
 )
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
+from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
 
 #: Group of the entry points that add backends; the name of an entry point is the name of its backend.
 GROUP = "atpid.acquisition"
@@ -36,6 +37,7 @@ BUILT_IN = {
     "labjack": Backend(LabJackSettings, LabJackAcquisition),
     "nidaqmx": Backend(NiSettings, NiAcquisition),
     "simulated": Backend(SimulatedSettings, SimulatedAcquisition),
+    "topic": Backend(TopicSettings, TopicAcquisition),
 }
 
 

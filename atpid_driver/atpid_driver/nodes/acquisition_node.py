@@ -31,10 +31,12 @@ from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver.acquisition import DeviceIdentity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
+from atpid_driver.acquisition.topic import TopicAcquisition
 from atpid_driver.calibration.convert import block_si
 from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.channel_watch import ChannelWatch
 from atpid_driver.nodes.device_node import DeviceNode
+from atpid_driver.nodes.topic_source import listen
 
 
 class AcquisitionNode(DeviceNode):
@@ -50,6 +52,8 @@ class AcquisitionNode(DeviceNode):
         try:
             self._settings, self._calibrations = settings_of(self, self.USUAL)
             self._device = create(self._settings["backend"], self._settings)
+            if isinstance(self._device, TopicAcquisition):
+                listen(self, self._device)
         except InputError:
             self.leave_graph()
             raise
@@ -203,6 +207,7 @@ class AcquisitionNode(DeviceNode):
             "backlog [scans]": status.backlog,
             "queued [blocks]": status.queued,
             "dropped [scans]": status.dropped,
+            "late [scans]": getattr(self._device, "late", 0),
             "interruptions": status.interruptions,
             "clock drift [ppm]": f"{status.drift_ppm:.2f}",
             "clock offset [s]": f"{status.offset_s:.6f}",

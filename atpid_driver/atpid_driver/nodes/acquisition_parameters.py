@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -20,6 +21,8 @@ from atpid_driver.calibration.model import Calibration, load
 from atpid_driver.nodes.channel_watch import THRESHOLDS
 
 TYPES = Parameter.Type
+#: Readings of a channel without calibration file are within it.
+_MOST = 1e12
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
 
 COMMON = (
@@ -31,7 +34,9 @@ COMMON = (
     Entry("channels", TYPES.STRING_ARRAY, "names of the channels in the messages"),
     Entry("terminals", TYPES.STRING_ARRAY, "where each channel is wired, for example AIN0 or ai0"),
     Entry("kinds", ["voltage"], "voltage or iepe, for each channel; one entry stands for all"),
-    Entry("calibrations", TYPES.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
+    Entry("calibrations", [""], "calibration file of each channel, relative to calibration_folder"),
+    Entry("units", [""], "in place of calibrations: the SI unit of each channel"),
+    Entry("factors", [1.0], "with units: of each channel, from its readings to that unit; one entry stands for all"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
     Entry("autostart", True, "configure and activate without a lifecycle manager, until the device answers"),
     Entry("handshake", True, "stream only after the loop has answered an empty block"),
@@ -62,12 +67,28 @@ def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], t
         raise SetupRefusedError(
             f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
         )
-    calibrations = calibrations_of(values)
+    calibrations = _stated(values, names) if any(values["units"]) else calibrations_of(values)
     check_channels(calibrations, tuple(names))
     wiring = zip(names, terminals, kinds, strict=True)
     channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
     scans = max(1, round(values["rate"] / values["blocks_per_second"]))
     return values | {"channels": channels, "scans_per_block": scans}, calibrations
+
+
+def _stated(values: Mapping[str, Any], names: list[str]) -> tuple[Calibration, ...]:
+    """Return calibrations from the parameters `units` and `factors`. Raises SetupRefusedError."""
+    units, factors = list(values["units"]), list(values["factors"])
+    factors *= len(names) if len(factors) == 1 else 1
+    if any(values["calibrations"]) or not len(units) == len(factors) == len(names) or not all(units) or 0.0 in factors:
+        raise SetupRefusedError(
+            f"units {units}, factors {factors}: give one of each for a channel, factors not 0, and no calibrations"
+        )
+    known = {"sensor": "as stated", "serial": "none", "date": date.today(), "source": "parameters units and factors",
+             "limits_volts": (-_MOST, _MOST)}  # fmt: skip
+    return tuple(
+        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), **known)
+        for name, unit, factor in zip(names, units, factors, strict=True)
+    )
 
 
 def rows_of(model: type[AcquisitionSettings]) -> tuple[Entry, ...]:
@@ -103,6 +124,8 @@ def check_topic(node: Node, topic: str) -> None:
 
 def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
     """Read the files of the parameters `calibrations` and `calibration_folder`. Raises DriverError."""
+    if not any(values["calibrations"]):
+        raise SetupRefusedError("calibrations: none given; give a file for each channel, or units and factors")
     folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
     return tuple(load(folder / name) for name in values["calibrations"])
 

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measurements made elsewhere as bags: TDMS, UFF 58, MATLAB, CSV and WAV (docs/reading.md)."""

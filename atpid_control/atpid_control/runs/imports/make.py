@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of other programs as a bag of SampleBlocks in SI units; it lists, and keeps, what it converted or left out."""
+
+import errno
+import heapq
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from atpid_common.errors import one_line
+from atpid_common.files import check
+from atpid_common.message_checks import time_out_of_range
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.imports import csv_file, mat_file, tdms_file, uff_file, wav_file
+from atpid_control.runs.imports.series import PIECE, Given, Grid, Reader, Series
+from atpid_control.runs.imports.units import si_of
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.recover import building
+from atpid_control.runs.topics import BLOCK
+from atpid_control.runs.writer import BagWriter, check_new
+
+#: Readers by the endings of their files.
+READERS: dict[str, Reader] = {
+    ".csv": csv_file.read, ".txt": csv_file.read, ".tsv": csv_file.read, ".dat": csv_file.read, ".asc": csv_file.read,
+    ".mat": mat_file.read, ".tdms": tdms_file.read, ".uff": uff_file.read, ".unv": uff_file.read,
+    ".wav": wav_file.read,
+}  # fmt: skip
+NOTES = "import.txt"
+#: Messages a second, where they then have so many scans at least; and a number above which a value is none.
+_BLOCKS, _SCANS, _LARGEST = 20.0, 32, 1e100
+_CHUNK = 1 << 18  # [bytes]
+
+
+class Wanted(NamedTuple):
+    """A channel of the bag, from `NAME=COLUMN[:unit[:factor]]`."""
+
+    name: str
+    column: str  # with what follows it: a column may have colons in its name
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What a bag was made of."""
+
+    channels: list[str]  # a line each
+    notes: list[str]  # what was converted, assumed, left out, a line each
+
+
+class _Channel(NamedTuple):
+    name: str
+    unit: str
+    factor: float
+    series: Series
+    source: str  # file and name there
+
+
+def import_files(
+    files: Sequence[Path], out: Path, wanted: Sequence[Wanted] = (), rate: float | None = None, time: str = ""
+) -> Imported:
+    """Write the channels of files to the new bag `out`; nothing is left where that fails. Raises BagError, FileError.
+
+    wanted: the channels to take, all under their own names where none is given. rate [Hz]: rows of tables count as
+    even. time: name of the column with times.
+    """
+    check_new(out)
+    with building(out.absolute().parent, out.name, "the imported bag") as folder, ExitStack() as stack:
+        (folder / "columns").mkdir()
+        given = Given(folder / "columns", stack, rate, time)
+        read = [(path, series) for path in files for series in _read(path, given)]
+        channels = _unique(_chosen(read, wanted, given) if wanted else [_plain(*one, given) for one in read])
+        if not channels:
+            raise BagError(f"{', '.join(map(str, files))}: no channel to import{'; '.join(['', *given.notes])[:300]}")
+        lines = _write(folder / out.name, files, _placed(channels, given), given)
+        (folder / out.name).rename(out)
+    return Imported(lines, given.notes)
+
+
+def _read(path: Path, given: Given) -> list[Series]:
+    check(path, 2**40)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise BagError(f"{path}: allowed: a file that ends in {', '.join(READERS)}")
+    try:
+        found = reader(path, given)
+    except BagError:
+        raise
+    except ImportError as error:
+        raise BagError(f"{path}: needs {error.name}, which is not installed; `make import` installs it") from None
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):  # of the columns that are kept in files
+            raise
+        raise BagError(f"{path}: cannot be read: {one_line(str(error))[:160]}; save it anew") from None
+    except Exception as error:  # libraries raise many types of errors for damaged files
+        reason = one_line(str(error))[:160] or type(error).__name__
+        raise BagError(f"{path}: cannot be read as {path.suffix.lower()} ({reason}); save it anew") from None
+    for series in found:
+        grid = series.grid
+        if reason := time_out_of_range(grid.rows + sum(index for _, index in grid.jumps[-1:]), grid.rate):
+            raise BagError(f"{path}: {series.name}: {reason}; give --rate HZ")
+    return found
+
+
+def _plain(path: Path, series: Series, given: Given) -> _Channel:
+    """Return a channel under its own name, in SI where its unit is known."""
+    source = f"{path.name}: {series.name}"
+    known = si_of(series.unit)
+    if known is None:
+        given.notes.append(f"{source}: its unit {series.unit!r} is not known and kept; --channels states another")
+    elif not series.unit.strip():
+        given.notes.append(f"{source}: no unit is stated; --channels states one")
+    unit, factor = known or (series.unit.strip(), 1.0)
+    name = re.sub(r"[^\w+.-]+", "_", series.name.rpartition("/")[2]).strip("_")
+    return _Channel(name or "channel", unit, factor, series, source)
+
+
+def _chosen(read: list[tuple[Path, Series]], wanted: Sequence[Wanted], given: Given) -> list[_Channel]:
+    channels, used = [], set[int]()
+    for one in wanted:
+        path, series, rest = _found(read, one)
+        unit, factor, stated = series.unit, 1.0, rest.split(":") if rest else []
+        if len(stated) > 2 or (stated and si_of(stated[0]) is None):
+            raise BagError(f"--channels {one.name}: given :{rest}; allowed: :unit[:factor], such as :mm or :m:0.002")
+        if stated:
+            unit = stated[0]
+        if len(stated) == 2:
+            try:
+                factor = float(stated[1])
+            except ValueError:
+                raise BagError(f"--channels {one.name}: given factor {stated[1]!r}; allowed: a number") from None
+        plain = _plain(path, Series(series.name, unit, series.values, series.grid), given)
+        channels.append(plain._replace(name=one.name, factor=factor * plain.factor))
+        used.add(id(series))
+    left = [f"{path.name}: {series.name}" for path, series in read if id(series) not in used]
+    given.notes += [f"left out, not among --channels: {', '.join(left)}"] if left else []
+    return channels
+
+
+def _found(read: list[tuple[Path, Series]], one: Wanted) -> tuple[Path, Series, str]:
+    """Return file and series that a wanted channel names, by the longest name that fits, and what follows it."""
+    words = one.column.split(":")
+    for count in range(len(words), 0, -1):
+        name, rest = ":".join(words[:count]), ":".join(words[count:])
+        fits = [(path, series) for path, series in read
+                if name in (series.name, f"{path.name}/{series.name}", series.name.rpartition("/")[2])]  # fmt: skip
+        if len(fits) > 1:
+            names = ", ".join(f"{path.name}/{series.name}" for path, series in fits)
+            raise BagError(f"--channels {one.name}: given {name}, which several files or groups have: {names[:200]}")
+        if fits:
+            return *fits[0], rest
+    names = ", ".join(series.name for _, series in read)
+    raise BagError(f"--channels {one.name}: given {one.column}; in the files: {names[:300]}")
+
+
+def _unique(channels: list[_Channel]) -> list[_Channel]:
+    """Return the channels with names of their own: one that another has takes the file, group or number before it."""
+    taken: dict[str, _Channel] = {}
+    for one in channels:
+        longer = re.sub(r"[^\w+.-]+", "_", one.source)
+        names = chain((one.name, longer), (f"{longer}_{n}" for n in range(2, len(channels) + 2)))
+        name = next(name for name in names if name not in taken)
+        taken[name] = one._replace(name=name)
+    return list(taken.values())
+
+
+def _placed(channels: list[_Channel], given: Given) -> dict[Grid, list[_Channel]]:
+    """Return the channels by what was sampled together, on one axis of stamps from 1970 or 0 on."""
+    dated = {one.series.grid.dated for one in channels}
+    earliest = min((one.series.grid.start_ns for one in channels if not one.series.grid.dated), default=0)
+    zero = min((one.series.grid.start_ns for one in channels if one.series.grid.dated), default=0)
+    if dated == {True, False}:
+        given.notes.append("some files have no date: taken as begun with the others")
+    elif dated == {False}:
+        given.notes.append(
+            "no date in it: stamps begin at 0" + (f", times at {earliest * 1e-9:g} s" if earliest else "")
+        )
+    streams: dict[Grid, list[_Channel]] = {}
+    for one in channels:
+        grid = one.series.grid
+        at = grid.start_ns if grid.dated else grid.start_ns - min(0, earliest) + zero
+        streams.setdefault(Grid(grid.rate, grid.rows, at, True, grid.jumps), []).append(one)
+    return streams
+
+
+def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channel]], given: Given) -> list[str]:
+    """Write the bag; return a line for each channel."""
+    topics = {grid: f"/sensors/imported{f'_{n}' if n > 1 else ''}" for n, grid in enumerate(streams, 1)}
+    lines = [
+        f"{topics[grid]} {one.name} [{one.unit}] = {one.factor:.12g} × {one.source} [{one.series.unit}], "
+        f"{grid.rows} samples at {grid.rate:.10g} Hz"
+        for grid, group in streams.items()
+        for one in group
+    ]
+    names = one_line(", ".join(path.name for path in files))  # the fact IMPORTED
+    writer = BagWriter(folder, new_run(imported=names), chunk=_CHUNK)
+    invalid: dict[str, int] = {}
+    for grid in streams:
+        writer.add_topic(topics[grid], BLOCK)
+    for stamp, topic, data in heapq.merge(*(_messages(topics[grid], grid, group, invalid)
+                                            for grid, group in streams.items()), key=lambda one: one[0]):  # fmt: skip
+        writer.write(topic, data, stamp, stamp)
+    given.notes += [f"{name}: {count} samples are no finite number: NaN" for name, count in invalid.items() if count]
+    writer.attach(NOTES, "\n".join([*lines, *given.notes, ""]).encode())
+    writer.close({"finished": "yes", "left_out_or_converted": str(len(given.notes))})
+    return lines
+
+
+def _messages(
+    topic: str, grid: Grid, group: list[_Channel], invalid: dict[str, int]
+) -> Iterator[tuple[int, str, bytes]]:
+    """Yield (stamp, topic, message) of a stream; `invalid` counts the samples of each channel that are no numbers."""
+    store: Any = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
+    block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    fixed = {"channels": [one.name for one in group], "units": [one.unit for one in group], "backlog": 0,
+             "skew": np.zeros(len(group)), "rate": grid.rate, "handshake": False}  # fmt: skip
+    scans = max(_SCANS, round(grid.rate / _BLOCKS))
+    piece = scans * max(1, PIECE // scans)
+    invalid |= dict.fromkeys(fixed["channels"], 0)  # type: ignore[call-overload]
+    for (row, index), (until, _) in pairwise([(0, 0), *grid.jumps, (grid.rows, 0)]):
+        for begin in range(row, until, piece):
+            values = np.empty((min(piece, until - begin), len(group)))
+            for place, one in enumerate(group):
+                values[:, place] = np.asarray(one.series.values[begin : begin + len(values)], np.float64) * one.factor
+                none = ~(np.abs(values[:, place]) <= _LARGEST)
+                values[none, place] = np.nan
+                invalid[one.name] += int(none.sum())
+            for part in range(0, len(values), scans):
+                first = index + begin - row + part
+                stamp = grid.start_ns + round(first / grid.rate * 1e9)
+                at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="import")
+                data = values[part : part + scans].ravel()
+                message = block(header=at, first_index=first, dropped=index - row, data=data, **fixed)
+                yield stamp, topic, bytes(store.serialize_cdr(message, BLOCK))
