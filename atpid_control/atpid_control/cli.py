@@ -61,6 +61,7 @@ COMMANDS: Commands = {
         "ros param": (f"{_ROS}.param", "read and set parameters, as `ros2 param` does"),
     },
     "For this machine": {
+        "doctor": (f"{_CONTROL}.doctor", "what would keep a stand from running, and how to mend it"),
         "policy": ("atpid_control.stand.nodes.policy", "make the SROS 2 policy of a stand from its nodes"),
         "completion": ("atpid_control.completion", "write what completes the commands in a shell"),
     },

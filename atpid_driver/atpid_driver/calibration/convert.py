@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Volts to SI and back: pure functions of a calibration."""
+"""Volts to SI and back: pure functions of a calibration; and the calibrations of a node's channels."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from atpid_driver.calibration.model import Calibration, CalibrationError
+from atpid_common.folders import share_folder
+from atpid_driver.calibration.model import Calibration, CalibrationError, load
 
 Floats = NDArray[np.float64]
 
@@ -98,3 +102,14 @@ def check_channels(calibrations: tuple[Calibration, ...], channels: tuple[str, .
         raise CalibrationError(
             f"{len(channels)} channels need as many calibrations, {len(calibrations)} were given: one file each"
         )
+
+
+def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Read the files of the parameters `calibrations` and `calibration_folder`. Raises DriverError."""
+    folder = Path(values["calibration_folder"]) if values.get("calibration_folder") else shipped_calibrations()
+    return tuple(load(folder / name) for name in values["calibrations"])
+
+
+def shipped_calibrations() -> Path:
+    """Return the folder of the installed calibration files; InputError where no sourced workspace has them."""
+    return share_folder("atpid_driver") / "config" / "calibration"
