@@ -53,7 +53,7 @@ def memory(at: Subject) -> Iterator[Finding]:
     yield wrong(text, remedy) if free < _NODES else degraded(text, remedy) if free < _ENOUGH else right(text)
     shared = at.root / "dev/shm"
     if not shared.is_dir() or not os.access(shared, os.W_OK):
-        yield degraded("/dev/shm cannot be written: no emulated devices", "mount -t tmpfs tmpfs /dev/shm")
+        yield degraded("no shared memory to write to: no emulated devices", "sudo mount -t tmpfs tmpfs /dev/shm")
 
 
 def real_time(at: Subject) -> Iterator[Finding]:
@@ -168,4 +168,6 @@ def python(_at: Subject) -> Iterator[Finding]:
     if (3, 10) <= sys.version_info[:2] <= (3, 13) and sys.platform == "linux":
         yield right(f"Python {version}")
     else:
-        yield wrong(f"Python {version} on {sys.platform}; needed: 3.10 to 3.13 on Linux", "PYTHON=python3.12 make setup")
+        yield wrong(
+            f"Python {version} on {sys.platform}; needed: 3.10 to 3.13 on Linux", "PYTHON=python3.12 make setup"
+        )

@@ -137,7 +137,7 @@ def _judged(at: Subject, one: Calibration) -> Iterator[Finding]:
     unit = next((unit for end, unit in _UNITS.items() if one.channel.endswith(end)), one.unit)
     if one.unit != unit:
         yield wrong(f"{one.channel}: in {one.unit}; needed: {unit}", again)
-    age = (datetime.date.today() - one.date).days  # noqa: DTZ011 - a date of the user's own calendar
+    age = (datetime.date.today() - one.date).days
     if age < -1:
         yield wrong(f"{one.channel}: of {one.date}, which is to come", "correct the clock, or the file's date")
     elif age > _OLD:

@@ -124,7 +124,8 @@ def middleware(at: Subject) -> Iterator[Finding]:
     if at.environment.get("ROS_SECURITY_ENABLE", "").lower() == "true":
         store = Path(at.environment.get("ROS_SECURITY_KEYSTORE", ""))
         found = f"security on, keys {'found' if (store / 'enclaves').is_dir() else 'not found'}"
-        yield right(found) if (store / "enclaves").is_dir() else wrong(found, "ROS_SECURITY_KEYSTORE (docs/security.md)")
+        remedy = "set ROS_SECURITY_KEYSTORE (docs/security.md)"
+        yield right(found) if (store / "enclaves").is_dir() else wrong(found, remedy)
 
 
 def _network(at: Subject) -> Iterator[Finding]:
