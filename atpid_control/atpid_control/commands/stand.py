@@ -36,7 +36,7 @@ EXAMPLE = "scenes/stand_realtime.yaml --map map.npz --bag out/run"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the stand until Ctrl-C; return 0. A node that ends by itself is an error.
+    """Run the stand until Ctrl-C, or for the time asked for; return 0. A node that ends by itself is an error.
 
     Raises NodeDiedError, SceneError and BagError.
     """
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
             print(NO_LEVELS, file=sys.stderr)
         write_parameters(parameters, file)
         with Processes(commands_of(file, parts, ros), None, restarts=ros.restarts) as nodes:
-            keep_running(nodes, ros.namespace)
+            keep_running(nodes, ros.namespace, args.seconds)
     return DONE
 
 

@@ -6,6 +6,7 @@ of the ROS installation, which need not have the project's requirements.
 """
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +26,8 @@ def add_stand(parser: argparse.ArgumentParser) -> None:
     _add_map(parser)
     add("--bag", type=file_path, help="folder of the bag to make; not given: run-<id> in this folder")
     add_devices(parser)
+    text = "end by itself after this time of data; default: at Ctrl-C"
+    add("--seconds", type=real(0.0, 1e9, "s", above=True), default=math.inf, help=text)
     _add_run(parser, "")
 
 
