@@ -179,7 +179,7 @@ MACHINES = {
     "shared memory": ("memory", "dev/shm/", None, DEGRADED, "no shared memory to write to"),
     "latency": ("USB", "sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", DEGRADED, "for 16 ms"),
     "ModemManager": ("USB", "proc/77/comm", "ModemManager", DEGRADED, "ModemManager runs"),
-    "clock": ("clock", "run/systemd/timesync/synchronized", None, DEGRADED, "nothing synchronises the wall clock"),
+    "clock": ("clock", "run/systemd/timesync/synchronized", None, DEGRADED, "kept by nothing"),
     "loopback": ("middleware", "sys/class/net/lo/flags", "0x8", WRONG, "the loopback interface is down"),
     "udev": ("LabJack", "etc/udev/rules.d/90-labjack.rules", None, DEGRADED, "no udev rule of LabJack"),
 }
@@ -196,13 +196,18 @@ def test_a_wrong_machine_is_named(stand: Stand, name: str) -> None:
 
 #: One environment variable that is wrong: its check, and as above.
 VARIABLES = {
-    "RMW_IMPLEMENTATION": ("middleware", "rmw_none_cpp", WRONG, "rmw_none_cpp is not installed"),
+    "RMW_IMPLEMENTATION": ("middleware", "rmw_none_cpp", WRONG, "middleware rmw_none_cpp is not installed"),
     "ROS_DOMAIN_ID": ("middleware", "999", WRONG, "given '999'; allowed: 0 to 232"),
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": ("middleware", "SUBNET", DEGRADED, "every computer of the network takes part"),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": (
+        "middleware",
+        "SUBNET",
+        DEGRADED,
+        "range of discovery SUBNET to every computer of the network",
+    ),
     "FASTRTPS_DEFAULT_PROFILES_FILE": ("middleware", "/none.xml", WRONG, "/none.xml, the profile of Fast DDS, is miss"),
     "ROS_DISTRO": ("middleware", "humble", WRONG, "ROS humble is sourced"),
     "ROS_SECURITY_ENABLE": ("middleware", "true", WRONG, "security on, keys not found"),
-    "PATH": ("programs", "/nowhere", WRONG, "env, setpriv not on the path"),
+    "PATH": ("workspace", "/nowhere", WRONG, "env, setpriv not on the path"),
     "NUMBA_CACHE_DIR": ("kernels", "/proc/none", DEGRADED, "the cache of compiled kernels cannot be written"),
 }
 
@@ -217,9 +222,7 @@ def test_a_wrong_variable_is_named(stand: Stand, name: str) -> None:
 
 def test_a_range_that_does_not_exist_and_a_high_domain_are_named(stand: Stand) -> None:
     stand.environment |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL", "ROS_DOMAIN_ID": "150"}
-    found = dict((text, verdict) for verdict, text in problems(stand.rows("middleware")))
-    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE LOCAL; allowed: LOCALHOST, SUBNET, OFF, SYSTEM_DEFAULT"] is WRONG
-    assert any(text.startswith("domain 150") for text in found)
+    assert problems(stand.rows("middleware")) == [(WRONG, "range of discovery LOCAL"), (DEGRADED, "domain 150")]
 
 
 def test_nodes_that_run_and_a_domain_in_use_are_named(stand: Stand) -> None:
@@ -229,7 +232,7 @@ def test_nodes_that_run_and_a_domain_in_use_are_named(stand: Stand) -> None:
     with holder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", 7400 + 250 * int(domain)))
         assert problems(stand.rows("nodes")) == [(WRONG, "run already: motor_node")]
-        assert problems(stand.rows("middleware")) == [(DEGRADED, f"programs run in domain {domain} already")]
+        assert problems(stand.rows("middleware")) == [(DEGRADED, f"domain {domain}, in which programs run already")]
 
 
 #: A parameter, or a channel's calibration, that is wrong: check, node, change, verdict, what is found.
@@ -243,7 +246,7 @@ VALUES: dict[str, tuple[str, str, dict[str, Any], Verdict, str]] = {
               "channel beam_displacement was given the calibration of support_displacement"),
     "no file": ("calibrations", "labjack_node", {"calibrations": ["none.yaml", "none.yaml"]}, WRONG, "no such file"),
     "no levels": ("parameters", "supervisor_node", {"beam_displacement_abort": float("inf")}, DEGRADED,
-                  "no abort level is set"),
+                  "abort levels: none: however far the beam moves"),
     "a node's name": ("parameters", "labjak_node", {"serial": 1}, WRONG, "did you mean labjack_node?"),
     "travel": ("board", "motor_node", {"highest": 0.5}, WRONG, "allowed: a scene inside the motor's range"),
 }  # fmt: skip
@@ -265,12 +268,12 @@ def test_a_device_that_is_unplugged_is_named(stand: Stand, control: Control) -> 
 TODAY = datetime.date.today()
 #: What is wrong with a calibration, and what is found.
 CALIBRATIONS: dict[str, tuple[dict[str, Any], Verdict, str]] = {
-    "old": ({"date": TODAY - datetime.timedelta(days=500)}, DEGRADED, "beam_displacement: 500 days old"),
-    "to come": ({"date": TODAY + datetime.timedelta(days=9)}, WRONG, "which is to come"),
-    "unit": ({"unit": "mm"}, WRONG, "in mm; needed: m"),
+    "old": ({"date": TODAY - datetime.timedelta(days=500)}, DEGRADED, "; 500 days old"),
+    "to come": ({"date": TODAY + datetime.timedelta(days=9)}, WRONG, "made in the future"),
+    "unit": ({"unit": "mm"}, WRONG, "; needed: m"),
     "nominal": ({"source": "nominal, data sheet"}, DEGRADED, "nominal figures of the data sheet"),
-    "few readings": ({"readings": 3}, DEGRADED, "3 readings"),
-    "scatter": ({"residual_std": 0.1}, DEGRADED, "residual 0.1 m of a range of ±1"),
+    "few readings": ({"readings": 3}, DEGRADED, "3 readings; few or bad readings"),
+    "scatter": ({"residual_std": 0.1}, DEGRADED, "few or bad readings"),
     "range": ({"coefficients": (-0.225, 0.075)}, DEGRADED, "reads ±0.15 m, the scene's closed damper ±0.667"),
 }
 
@@ -319,7 +322,7 @@ def test_a_user_without_rights_a_full_disk_and_a_fresh_cache(tmp_path: Path) -> 
     assert status == 2  # no board here
     assert "real-time priority 10 is not allowed" in found["real time"]
     assert f"{bag} cannot be written: File too large" in found["disk"]
-    assert found["kernels"] == "not compiled: a minute at the first run"
+    assert found["kernels"].startswith("compiled for no processor yet; this one is ")
 
 
 def test_a_package_that_is_missing_fails_what_needs_it(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,7 +356,7 @@ def test_a_workspace_that_is_older_or_not_sourced_is_named(stand: Stand, workspa
     setup.write_text(setup.read_text() + "# changed\n")
     found = [text for _, text in problems(stand.rows("workspace"))]
     assert found == [
-        "older than its sources: atpid_sim", "code of another folder runs than that of the workspace",
+        "sourced; older than its sources: atpid_sim", "code of another folder runs than that of the workspace",
     ]  # fmt: skip
     stand.environment["AMENT_PREFIX_PATH"] = ""
     (row,) = stand.rows("workspace")
@@ -374,7 +377,7 @@ def test_a_wall_clock_that_was_set_or_is_wrong_is_named(stand: Stand) -> None:
     found = problems(stand.rows("clock", begun=(time.time_ns() - 3_000_000_000, now)))
     assert "the wall clock was set by +3.0" in found[0][1]
     found = problems(stand.rows("clock", begun=(0, now)))
-    assert (WRONG, "the wall clock shows 1970") in found
+    assert (WRONG, "the wall clock shows 1970, kept by systemd-timesyncd") in found
 
 
 def test_the_worst_finding_is_the_status() -> None:

@@ -16,7 +16,7 @@ import yaml
 
 from atpid_common.cli import Parser
 from atpid_control.cli import main as atpid
-from atpid_control.commands import first_run
+from atpid_control.commands import first_run, stand
 from atpid_control.runs.run import open_run
 from atpid_control.stand.first_run import Expected, rows_of, steps_of
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
@@ -160,5 +160,5 @@ def test_the_options_of_the_stand_are_handed_on() -> None:
     parser = Parser()
     first_run.add_arguments(parser)
     given: argparse.Namespace = parser.parse_args([str(SCENE), "--ni", "--motor-config", "m.yaml"])
-    made = first_run._options(first_run.stand, [str(SCENE)], vars(given) | {"seconds": 3.0})
+    made = first_run._options(stand, [str(SCENE)], vars(given) | {"seconds": 3.0})
     assert (made.ni, made.motor_config, made.seconds, made.live) == (True, Path("m.yaml"), 3.0, False)

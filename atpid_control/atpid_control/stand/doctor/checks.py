@@ -13,10 +13,8 @@ _COMPUTER, _SOFTWARE, _DEVICES = (f"atpid_control.stand.doctor.{name}" for name 
 #: Clock last: it compares two clocks over all the others.
 CHECKS: Checks = {
     "Software": {
-        "Python": (f"{_COMPUTER}:python", ""),
         "packages": (f"{_SOFTWARE}:packages", "make setup"),
         "workspace": (f"{_SOFTWARE}:workspace", "make setup, then . ros2_ws/activate"),
-        "programs": (f"{_COMPUTER}:programs", ""),
         "kernels": (f"{_COMPUTER}:kernels", ""),
     },
     "ROS": {

@@ -7,6 +7,7 @@ import argparse
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -42,24 +43,10 @@ class Finding(NamedTuple):
     mend: str = ""
 
 
-def right(found: str) -> Finding:
-    """Return the finding of what is as it should be."""
-    return Finding(Verdict.RIGHT, found)
-
-
-def degraded(found: str, mend: str) -> Finding:
-    """Return the finding of what lets a run be worse than it could be."""
-    return Finding(Verdict.DEGRADED, found, mend)
-
-
-def wrong(found: str, mend: str) -> Finding:
-    """Return the finding of what would keep a run from beginning, or end it."""
-    return Finding(Verdict.WRONG, found, mend)
-
-
-def not_checked(found: str) -> Finding:
-    """Return the finding of what is not known, with the reason."""
-    return Finding(Verdict.NOT_CHECKED, found)
+def judged(found: str, mend: str = "", *, fails: bool = False, degrades: bool = False) -> Finding:
+    """Return a finding: `fails` where it would keep a run from beginning or end it, `degrades` where it spoils one."""
+    verdict = Verdict.WRONG if fails else Verdict.DEGRADED if degrades else Verdict.RIGHT
+    return Finding(verdict, found, mend if verdict else "")
 
 
 class NotCheckedError(Exception):
@@ -81,6 +68,10 @@ class Subject:
             return (self.root / path).read_text(errors="replace").strip()
         except OSError:
             return ""
+
+    def has(self, path: str) -> bool:
+        """Return whether a file of the machine is there."""
+        return (self.root / path).exists()
 
     def files(self, pattern: str) -> list[Path]:
         """Return the machine's files of a pattern."""
@@ -105,21 +96,17 @@ class Subject:
     @cached_property
     def scene(self) -> Scene:
         """The scene. Raises NotCheckedError."""
-        try:
-            found = self.read_scene()
-        except AtpidError:
-            raise NotCheckedError("the scene cannot be read") from None
-        if found is None:
-            raise NotCheckedError("no scene was given")
-        return found
+        with suppress(AtpidError):
+            if (found := self.read_scene()) is not None:
+                return found
+        raise NotCheckedError("no scene was given, or it cannot be read")
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Parameters by node. Raises NotCheckedError."""
-        try:
+        with suppress(AtpidError):
             return self.read_parameters()
-        except AtpidError:
-            raise NotCheckedError("the parameters cannot be read") from None
+        raise NotCheckedError("the parameters cannot be read")
 
 
 class Row(NamedTuple):
@@ -140,8 +127,8 @@ def examine(subject: Subject, checks: Checks) -> Iterator[Row]:
     """Yield what the checks find, in their order."""
     for group, named in checks.items():
         for name, (place, mend) in named.items():
-            for finding in _tried(place, mend, subject):
-                yield Row(group, name, finding._replace(found=one_line(finding.found)))
+            yield from (Row(group, name, found._replace(found=one_line(found.found)))
+                        for found in _tried(place, mend, subject))  # fmt: skip
 
 
 def _tried(place: str, mend: str, subject: Subject) -> Iterable[Finding]:
@@ -149,12 +136,10 @@ def _tried(place: str, mend: str, subject: Subject) -> Iterable[Finding]:
     found: list[Finding] = []
     try:
         found.extend(load(place)(subject))
-    except NotCheckedError as reason:
-        found.append(not_checked(str(reason)))
     except AtpidError as error:  # a line of the part that would fail in the run, with what to do
-        found.append(wrong(str(error), mend))
+        found.append(judged(str(error), mend, fails=True))
     except ImportError as error:
-        found.append(wrong(str(error), "make setup"))
-    except OSError as error:
-        found.append(not_checked(str(error)))
+        found.append(judged(str(error), "make setup", fails=True))
+    except (NotCheckedError, OSError) as reason:
+        found.append(Finding(Verdict.NOT_CHECKED, str(reason)))
     return found
