@@ -92,7 +92,7 @@ def table() -> str:
 def container_mass() -> float:
     """Return the mass of the printed parts of the drawing [kg], without screw, motor and linings."""
     inner, outer = GRAIN + PLAY, GRAIN + PLAY + 2.0 * WALL
-    height = HIGHEST + LINING + PISTON
+    height = HIGHEST + 2.0 * LINING + PISTON
     tube = 0.25 * math.pi * (outer**2 - inner**2) * height
     return PLA * (tube + 0.25 * math.pi * (outer**2 * (FLOOR + CAP) + inner**2 * PISTON))
 
@@ -132,7 +132,7 @@ def _container(path: Path) -> Path:
 
     bore, outer, lining = (1e3 * one for one in (GRAIN + PLAY, GRAIN + PLAY + 2.0 * WALL, LINING))
     wall, floor, piston, cap, grain = (1e3 * one for one in (WALL, FLOOR, PISTON, CAP, GRAIN))
-    height, top = 90.0, 1e3 * (HIGHEST + LINING + PISTON)  # where the ceiling is drawn, and the tube's upper end
+    height, top = 90.0, 1e3 * (HIGHEST + 2.0 * LINING + PISTON)  # where the ceiling is drawn, and the tube's upper end
 
     with _drawing(path, 7.6, 10.2) as ax:
 
