@@ -20,6 +20,7 @@ from doctor_rig import Stand, calibration, machine, problems
 
 from atpid_common.claim import claimed
 from atpid_common.real_time import LOOP_PRIORITY, refusal
+from atpid_control.stand.doctor import devices
 from atpid_control.stand.doctor.checks import block, summary, verdict_of
 from atpid_control.stand.doctor.findings import Verdict
 from atpid_control.stand.doctor.software import workspace_of
@@ -142,26 +143,18 @@ def test_a_port_that_another_program_holds_is_not_opened(stand: Stand, port: Pat
 
 
 def test_a_port_without_rights_is_named_with_the_group(stand: Stand, port: Path) -> None:
+    subject = stand.subject()
+    assert subject.parameters["motor_node"]["port"] == str(port)  # read, and all imported, while this is allowed
     port.chmod(0)
-    root = os.geteuid() == 0
-    os.seteuid(65534 if root else os.geteuid())
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
     try:
-        rows = [row.finding for row in stand_rows(stand)]
+        found = list(devices.board(subject))
     finally:
-        os.seteuid(0 if root else os.geteuid())
-    (found,) = (one for one in rows if one.verdict is WRONG)
-    assert "may not be opened by this user" in found.found
-    assert "usermod -aG" in found.mend
-
-
-def stand_rows(stand: Stand) -> Any:
-    """Return the board's rows, for a user who cannot write the stand's folder."""
-    from atpid_control.stand.doctor.findings import Subject, examine
-
-    subject = Subject(stand.options, stand.root, stand.environment)
-    usual = subject.read_parameters()["motor_node"]
-    subject.__dict__["parameters"] = {"motor_node": usual | stand.values["motor_node"]}
-    return examine(subject, {"Stand": {"board": ("atpid_control.stand.doctor.devices:board", "")}})
+        os.seteuid(user)
+    assert [(one.verdict, one.found) for one in found] == [(WRONG, f"{port} may not be opened by this user")]
+    assert "usermod -aG" in found[0].mend
 
 
 def test_a_port_that_is_a_file_or_missing_is_named(stand: Stand) -> None:
@@ -311,16 +304,34 @@ def command(words: list[str], before: list[str], **variables: str) -> tuple[int,
     done = subprocess.run([*before, sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT,
                           env=os.environ | variables)  # fmt: skip
     checks = json.loads(done.stdout)["checks"]
-    return done.returncode, {one["check"]: one["found"] for one in checks if one["mend"]}
+    found: dict[str, str] = {}
+    for one in checks:
+        if one["mend"]:
+            found[one["check"]] = f"{found.get(one['check'], '')} {one['found']}".strip()
+    return done.returncode, found
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="takes the rights of root away")
 def test_a_user_without_rights_a_full_disk_and_a_fresh_cache(tmp_path: Path) -> None:
-    rights = ["setpriv", "--inh-caps", "-all", "--bounding-set", "-sys_nice", "prlimit", "--fsize=1000000"]
+    rights = [
+        "setpriv",
+        "--inh-caps",
+        "-all",
+        "--bounding-set",
+        "-sys_nice",
+        "prlimit",
+        "--fsize=1000000",
+        "--memlock=1000000",
+    ]
+    levels = tmp_path / "levels.yaml"
+    levels.write_text("/**/supervisor_node: {ros__parameters: {lock_memory: true}}")
     bag = tmp_path / "bag"
-    status, found = command(["--bag", str(bag)], rights, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    status, found = command(
+        ["--bag", str(bag), "--params-file", str(levels)], rights, NUMBA_CACHE_DIR=str(tmp_path / "cache")
+    )
     assert status == 2  # no board here
     assert "real-time priority 10 is not allowed" in found["real time"]
+    assert "memory that may be locked: 1 MB" in found["real time"]
     assert f"{bag} cannot be written: File too large" in found["disk"]
     assert found["kernels"].startswith("compiled for no processor yet; this one is ")
 

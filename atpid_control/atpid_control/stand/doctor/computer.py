@@ -2,6 +2,7 @@
 """Checks of the computer: processor, memory, rights, clock, disk, USB."""
 
 import os
+import resource
 import shutil
 import tempfile
 import time
@@ -52,10 +53,14 @@ def memory(at: Subject) -> Iterator[Finding]:
                      degrades=True)  # fmt: skip
 
 
-def real_time(_at: Subject) -> Iterator[Finding]:
-    """Check the right to the loop's real-time priority."""
+def real_time(at: Subject) -> Iterator[Finding]:
+    """Check the rights to the loop's real-time priority and, where it is asked for, to locked memory."""
     reason, _, remedy = refusal(LOOP_PRIORITY).partition(": ")
     yield judged(reason or f"real-time priority {LOOP_PRIORITY} is allowed", remedy, degrades=bool(reason))
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    if any(values.get("lock_memory") for values in at.parameters.values()):
+        yield judged(f"memory that may be locked: {limit / 1e6:.0f} MB" if limit >= 0 else "any memory may be locked",
+                     "memlock in /etc/security/limits.conf", degrades=0 <= limit < _NODES)  # fmt: skip
 
 
 def usb(at: Subject) -> Iterator[Finding]:
