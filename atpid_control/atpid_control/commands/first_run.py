@@ -23,6 +23,8 @@ from atpid_control.stand.parameters import read_parameters, write_parameters
 from atpid_control.stand.parts import NAMES, SERIAL_MOTOR
 from atpid_sim.scene import Scene, load_scene
 
+#: Time that a person has for what the step asks for [s].
+_HANDS = 10.0
 PICTURE, NUMBERS = "first_run.png", "first_run.json"
 DIFFERS = 1
 #: Arguments of the example in the help.
@@ -100,9 +102,9 @@ def _measured(args: argparse.Namespace, step: Step, scene: Scene, real: bool) ->
     write_parameters(given, parameters)
     try:
         if real:
-            bag = folder / "bag"
-            values = vars(args) | {"scene": file, "bag": bag, "params_file": parameters, "seconds": step.duration}
-            stand.run(_options(stand, [str(file)], values | {"move": step.move}))
+            bag = folder / f"bag-{len(list(folder.glob('bag-*'))) + 1}"  # an earlier one is kept
+            values = vars(args) | {"scene": file, "bag": bag, "params_file": parameters, "move": step.move}
+            stand.run(_options(stand, [str(file)], values | {"seconds": step.duration + _HANDS}))
         else:
             bag = folder / "run/bag"
             paced = ["--emulated-stand"] if args.emulated_stand else ["--real-time"] * bool(step.move)
@@ -128,7 +130,7 @@ def _scene(scene: Scene, step: Step) -> Scene:
     """Return the scene of a step: closed, moved by a motor, as long as the step."""
     motor, ceiling = SERIAL_MOTOR.configured(), scene.ceiling
     low, high, speed = (*ceiling.range, ceiling.speed) if ceiling.controlled else (
-        motor["lowest"], motor["highest"], motor["speed"])  # fmt: skip
+        max(motor["lowest"], 2.0 * scene.grain.radius), motor["highest"], motor["speed"])  # fmt: skip
     closed = {"closed": low, "range": [low, high], "speed": speed, "controller": "direct"}
     return scene.with_(
         excitation=dict(step.excitation), ceiling=closed, duration=step.duration, initial=None,

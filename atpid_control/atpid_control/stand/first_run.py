@@ -105,13 +105,13 @@ def _whole(run: Run) -> Row:
 def _noise(run: Run, expected: Expected) -> Iterator[Row]:
     signals, _ = signals_of(run)
     for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units, strict=True):
-        usual = expected.scene.sensors.laser.noise or _NOISE
-        if unit == "N":
-            usual = expected.scene.sensors.load_cell.noise if expected.scene.sensors.load_cell else math.inf
+        sensors = expected.scene.sensors
+        given = (sensors.load_cell.noise if sensors.load_cell else 0.0) if unit == "N" else sensors.laser.noise
+        most = _QUIET * (given or (_NOISE if unit == "m" else math.inf))
         spread = _scatter(values, signals.rate)
         yield Row(
-            f"{name} at rest", f"{spread:.3g} {unit}", f"up to {_QUIET * usual:.3g} {unit}, not 0",
-            0.0 < spread <= _QUIET * usual, "light, cables, a common ground; 0: a converter that holds",
+            f"{name} at rest", f"{spread:.3g} {unit}", f"up to {most:.3g} {unit}{', not 0' if given else ''}",
+            spread <= most and (spread > 0.0 or not given), "light, cables, a common ground; 0: a converter that holds",
         )  # fmt: skip
     steady = int(np.count_nonzero(run.estimates.steady))
     yield Row("excitation identified", f"{steady} estimates", "none", steady == 0, "exciter off? mains? a fan?")
