@@ -137,7 +137,8 @@ def _container(path: Path) -> Path:
     with _drawing(path, 7.6, 10.2) as ax:
 
         def box(x: float, y: float, w: float, h: float, **look: Any) -> None:
-            ax.add_patch(Rectangle((x, y), w, h, **{"ec": LIGHT.ink, "lw": 0.8, "fc": LIGHT.soft} | look))
+            usual: dict[str, Any] = {"ec": LIGHT.ink, "lw": 0.8, "fc": LIGHT.soft}
+            ax.add_patch(Rectangle((x, y), w, h, **(usual | look)))
 
         def across(x0: float, x1: float, y: float, text: str) -> None:
             ax.annotate("", (x0, y), (x1, y), arrowprops={"arrowstyle": "<->", "lw": 0.7, "color": LIGHT.muted})
