@@ -76,7 +76,7 @@ def table() -> str:
     lines = ["| drive at | ±5 mm: velocity, acceleration, force | ±10 mm |", "|---|---|---|"]
     for frequency in (3.0, 5.5, 10.0, 20.0, 60.0):
         turn = 2.0 * math.pi * frequency
-        cells = [f"{turn * a:.2g} m/s, {turn**2 * a:.3g} m/s², {MOVED * turn**2 * a:.3g} N" for a in (0.005, 0.010)]
+        cells = [f"{turn * a:.2g} m/s, {turn**2 * a:.1f} m/s², {MOVED * turn**2 * a:.0f} N" for a in (0.005, 0.010)]
         lines.append(f"| {frequency:g} Hz | {cells[0]} | {cells[1]} |")
     lines += [
         "", "| beam, 40 mm wide, 0.4 m | stiffness | first mode | tip at most | support at resonance, closed |",
