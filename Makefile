@@ -84,6 +84,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m studies figures free_decay --out docs/figures; \
 	python -m studies figures contact --out docs/figures; \
 	python -m studies figures speed --out docs/figures; \
+	python -m studies figures stand --out docs/figures; \
 	python tests/tutorial.py; \
 	python -m studies figures identification --out docs/figures; \
 	python -m studies figures selection --out docs/figures; \

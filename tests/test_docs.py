@@ -41,8 +41,11 @@ RUN = {
     "tests/test_figures.py": {
         r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
         r"atpid bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
+        r"python -m studies figures stand": "test_the_drawings_and_the_table_of_the_stand_are_what_is_computed_now",
         r"python -m studies figures (contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
+    "atpid_control/test/test_doctor.py": {r"atpid doctor": "test_the_worst_finding_is_the_status"},
+    "atpid_control/test/test_first_run.py": {r"atpid first-run": "test_the_emulated_stand_unattended"},
     "atpid_control/test/test_validation.py": {
         r"atpid bag validate ": "test_the_bag_that_comes_along_is_its_own_simulation"
     },

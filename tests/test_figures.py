@@ -16,12 +16,13 @@ from atpid_control.cli import main
 from atpid_control.views.report import report
 from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
-from studies.figures import contact, free_decay
+from studies.figures import contact, free_decay, stand
 from studies.figures import identification as identification
 from studies.figures import selection as selection
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = sorted(ROOT.glob("docs/**/*.png"))
+DRAWINGS = sorted(ROOT.glob("docs/**/*.svg"))
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
 #: Of the largest value on the axis: what processors round otherwise is far below, a changed model above.
 CLOSE = 0.01
@@ -71,13 +72,35 @@ AGAIN: dict[str, Callable[[Path], Numbers]] = {
 
 def test_every_picture_shown_exists_and_every_picture_is_shown() -> None:
     assert [f"{page.name}: {path.name}" for path, page in shown().items() if not path.is_file()] == []
-    assert [path.name for path in PICTURES if path not in shown()] == []
+    assert [path.name for path in (*PICTURES, *DRAWINGS) if path not in shown()] == []
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
 def test_every_picture_carries_its_numbers(picture: Path) -> None:
     panels = numbers_in(picture)
     assert any(curves for curves in panels.values())
+
+
+def test_the_drawings_and_the_table_of_the_stand_are_what_is_computed_now(tmp_path: Path) -> None:
+    words = re.compile(r"<!-- (.*?) -->")  # matplotlib names each text that it draws
+    made = stand.draw(tmp_path)
+    assert [path.name for path in made] == [path.name for path in DRAWINGS]
+    for drawing in made:
+        now, printed = (words.findall(path.read_text()) for path in (drawing, ROOT / "docs/figures" / drawing.name))
+        assert now == printed, f"{drawing.name} is out of date: run `make figures`"
+    assert stand.table() in (ROOT / "docs/stand.md").read_text()
+
+
+def test_a_strip_s_limits_are_those_of_beam_theory() -> None:
+    strip = stand.Strip("steel", 0.002, 206e9, 7850.0, 0.002)
+    found = stand.limits_of(strip, 0.02)
+    force = found.stiffness * found.tip  # at the tip; the moment at the clamp over the section's modulus is the stress
+    stress = force * stand.LENGTH / (stand.WIDTH * strip.thickness**2 / 6.0)
+    assert stress == pytest.approx(strip.modulus * strip.strain)
+    # Rayleigh: 33/140 of the beam's mass moves with the tip
+    mass = stand.TIP + 33.0 / 140.0 * strip.density * stand.WIDTH * strip.thickness * stand.LENGTH
+    assert found.frequency == pytest.approx((found.stiffness / mass) ** 0.5 / (2.0 * 3.141592653589793), rel=2e-3)
+    assert found.support == pytest.approx(2.0 * 0.02 * min(found.tip, 0.15))
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "packaging": "python3-packaging",
     "pandas": "python3-pandas",
     "pydantic": "python3-pydantic",
     "pydantic_core": "python3-pydantic",

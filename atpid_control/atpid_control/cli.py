@@ -28,6 +28,7 @@ COMMANDS: Commands = {
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
+        "first-run": (f"{_CONTROL}.first_run", "a stand's first measurement, step by step, beside what is expected"),
         "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
@@ -62,6 +63,7 @@ COMMANDS: Commands = {
         "ros param": (f"{_ROS}.param", "read and set parameters, as `ros2 param` does"),
     },
     "For this machine": {
+        "doctor": (f"{_CONTROL}.doctor", "what would keep a stand from running, and how to mend it"),
         "policy": ("atpid_control.stand.nodes.policy", "make the SROS 2 policy of a stand from its nodes"),
         "completion": ("atpid_control.completion", "write what completes the commands in a shell"),
     },

@@ -199,5 +199,5 @@ def test_what_cannot_be_listened_to_is_one_line(bench: Bench, more: dict[str, ob
 
 
 def test_without_calibration_or_unit_is_refused(bench: Bench) -> None:
-    with pytest.raises(SetupRefusedError, match="give a file for each channel, or units and factors"):
+    with pytest.raises(DriverError, match="give a file for each channel, or units and factors"):
         bench.start(AcquisitionNode, backend="simulated", rate=10.0, channels=["a"], terminals=["x"])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
+from atpid_driver.calibration.convert import shipped_calibrations
 from atpid_driver.standins import build, environment
 
 LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"

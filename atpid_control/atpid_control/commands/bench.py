@@ -6,7 +6,8 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,14 @@ EXAMPLE = "scenes/thesis_4_3.yaml --out out/bench"
 
 def run(args: argparse.Namespace) -> int:
     """Run the bench; return 0. Raises AtpidError."""
+    with recorded(args) as scene:
+        mode = "emulated stand" if args.emulated_stand else "real time" if args.real_time else "lockstep"
+        return _conclude(scene, args.out.resolve(), mode)
+
+
+@contextmanager
+def recorded(args: argparse.Namespace) -> Iterator[Scene]:
+    """Run the graph, and hold the folder with its bag meanwhile; yield the scene. Raises AtpidError."""
     live_page.check(args)
     args.real_time |= args.live and not args.emulated_stand  # a page of a run 20 times as fast shows nothing
     if not (args.real_time or args.emulated_stand):
@@ -61,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
     height_map = map_of_run(scene, args.map and args.map.absolute(), given.get("selector_node", {}).get("method", ""))
     with outdir.of_run(out, scene_file):
         _run_graph(args, scene, (scene_file, height_map, out / "bag"), given, out)
-        mode = "emulated stand" if args.emulated_stand else "real time" if args.real_time else "lockstep"
-        return _conclude(scene, out, mode)
+        yield scene
 
 
 def _run_graph(

@@ -6,7 +6,6 @@ import math
 import sys
 import tempfile
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 from atpid_common.arguments import file_path, graph_name, whole, word
@@ -18,7 +17,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part, usual_parameters
+from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, Part, devices_of, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -37,7 +36,7 @@ EXAMPLE = "scenes/stand_realtime.yaml --map map.npz --bag out/run"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the stand until Ctrl-C; return 0. A node that ends by itself is an error.
+    """Run the stand until Ctrl-C, or for the time asked for; return 0. A node that ends by itself is an error.
 
     Raises NodeDiedError, SceneError and BagError.
     """
@@ -48,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is not None:
         check_new(args.bag)
     # in the order of stopping: the motor first, the recorder last
-    parts = [_configured(SERIAL_MOTOR, args.motor_config), SUPERVISOR, _configured(LABJACK, args.labjack_config)]
-    parts += [*([_configured(NI, args.ni_config)] if args.ni else []), *_LOOP, *live_page.parts(args)]
+    motor, *sources = devices_of(args)
+    parts = [motor, SUPERVISOR, *sources, *_LOOP, *live_page.parts(args)]
     ros = RosOptions.of(args)
     with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
         file = Path(folder) / "parameters.yaml"
@@ -58,13 +57,8 @@ def run(args: argparse.Namespace) -> int:
             print(NO_LEVELS, file=sys.stderr)
         write_parameters(parameters, file)
         with Processes(commands_of(file, parts, ros), None, restarts=ros.restarts) as nodes:
-            keep_running(nodes, ros.namespace)
+            keep_running(nodes, ros.namespace, args.seconds)
     return DONE
-
-
-def _configured(part: Part, file: Path | None) -> Part:
-    """Return a part with the user's parameter file, where there is one, in place of the package's."""
-    return replace(part, config=str(file.absolute())) if file else part
 
 
 def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file: Path) -> Parameters:

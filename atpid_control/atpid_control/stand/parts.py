@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which nodes the bench consists of, and the parameters each starts with."""
 
+import argparse
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,12 @@ SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 FEED = Part("atpid_driver", "feed_node", "")
 #: Names for which a parameter file may have values, whichever of them a run has.
 NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, LIVE, LABJACK, NI, FEED))
+
+
+def devices_of(args: argparse.Namespace) -> list[Part]:
+    """Return the stand's devices, the motor first, each with the user's parameter file where one is given."""
+    given = [(SERIAL_MOTOR, args.motor_config), (LABJACK, args.labjack_config), *([(NI, args.ni_config)] * args.ni)]
+    return [replace(part, config=str(file.absolute())) if file else part for part, file in given]
 
 
 def parameters_for(

@@ -5,6 +5,7 @@ Only nodes/ imports rclpy; it is imported when a run begins, so that this module
 """
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -112,12 +113,15 @@ def commands_of(parameter_file: Path, parts: Iterable[Part] = REAL_TIME_PARTS, r
     return [command_of(part, parameter_file, ros) for part in parts]
 
 
-def keep_running(nodes: Processes, namespace: str = "") -> None:
-    """Run the nodes until Ctrl-C, which passes through; raises NodeDiedError where one ends by itself."""
+def keep_running(nodes: Processes, namespace: str = "", seconds: float = math.inf) -> None:
+    """Run the nodes until Ctrl-C, which passes through, or for `seconds` of data after the first estimate.
+
+    Raises NodeDiedError where one ends by itself.
+    """
     from atpid_control.stand.nodes.composition import watching
 
     with watching(lambda _text: None, namespace) as (watch, listen), stop_key(watch.stop_motor), nodes.motor_first():
-        while True:
+        while watch.elapsed < seconds:
             _check(nodes, watch, except_for="")
             listen()
 

@@ -6,6 +6,7 @@ The acquisition nodes declare a ROS parameter for each setting of a backend: `se
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -86,6 +87,22 @@ class NiSettings(AcquisitionSettings):
     excitation_current: float = setting(0.004, "current of IEPE inputs", "A", 0.0, 0.02)
     grpc: str = setting("", "host:port of NI's gRPC device server on another PC; empty: the driver on this one")
     library: str = ""
+
+
+def wired(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `channels` and `scans_per_block` as a backend takes them, of the parameters of an acquisition node.
+
+    Raises SetupRefusedError.
+    """
+    names, terminals, kinds = (list(values.get(key, ["voltage"])) for key in ("channels", "terminals", "kinds"))
+    kinds *= len(names) if len(kinds) == 1 else 1
+    if not len(names) == len(terminals) == len(kinds):
+        raise SetupRefusedError(
+            f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
+        )
+    wiring = zip(names, terminals, kinds, strict=True)
+    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
+    return {"channels": channels, "scans_per_block": max(1, round(values["rate"] / values["blocks_per_second"]))}
 
 
 def checked(model: type[S], values: dict[str, object]) -> S:

@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Volts to SI and back: pure functions of a calibration."""
+"""Volts to SI and back: pure functions of a calibration; and the calibrations of a node's channels."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from atpid_driver.calibration.model import Calibration, CalibrationError
+from atpid_common.folders import share_folder
+from atpid_driver.calibration.model import Calibration, CalibrationError, load
 
 Floats = NDArray[np.float64]
+#: Readings of a channel without calibration file are within it.
+_MOST = 1e12
 
 
 @dataclass(frozen=True)
@@ -98,3 +105,34 @@ def check_channels(calibrations: tuple[Calibration, ...], channels: tuple[str, .
         raise CalibrationError(
             f"{len(channels)} channels need as many calibrations, {len(calibrations)} were given: one file each"
         )
+
+
+def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Return those of the parameters `units` and `factors`, or of the files in `calibrations`. Raises DriverError."""
+    if any(values.get("units", ())):
+        return _stated(values)
+    if not any(values["calibrations"]):
+        raise CalibrationError("calibrations: none given; give a file for each channel, or units and factors")
+    folder = Path(values["calibration_folder"]) if values.get("calibration_folder") else shipped_calibrations()
+    return tuple(load(folder / name) for name in values["calibrations"])
+
+
+def shipped_calibrations() -> Path:
+    """Return the folder of the installed calibration files; InputError where no sourced workspace has them."""
+    return share_folder("atpid_driver") / "config" / "calibration"
+
+
+def _stated(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Return calibrations from the parameters `units` and `factors`. Raises CalibrationError."""
+    names, units, factors = list(values["channels"]), list(values["units"]), list(values["factors"])
+    factors *= len(names) if len(factors) == 1 else 1
+    if any(values["calibrations"]) or not len(units) == len(factors) == len(names) or not all(units) or 0.0 in factors:
+        raise CalibrationError(
+            f"units {units}, factors {factors}: give one of each for a channel, factors not 0, and no calibrations"
+        )
+    known = {"sensor": "as stated", "serial": "none", "date": date.today(), "source": "parameters units and factors",
+             "limits_volts": (-_MOST, _MOST)}  # fmt: skip
+    return tuple(
+        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), **known)
+        for name, unit, factor in zip(names, units, factors, strict=True)
+    )

@@ -3,26 +3,22 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import date
-from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from atpid_common.folders import share_folder
 from atpid_common.nodes.parameters import Entry, ParameterError, declare
 from atpid_driver.acquisition import AcquisitionSettings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
-from atpid_driver.calibration.convert import check_channels
-from atpid_driver.calibration.model import Calibration, load
+from atpid_driver.acquisition.settings import wired
+from atpid_driver.calibration.convert import calibrations_of, check_channels
+from atpid_driver.calibration.model import Calibration
 from atpid_driver.nodes.channel_watch import THRESHOLDS
 
 TYPES = Parameter.Type
-#: Readings of a channel without calibration file are within it.
-_MOST = 1e12
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
 
 COMMON = (
@@ -61,34 +57,9 @@ def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], t
     backends = dict.fromkeys((values["backend"], usual.get("backend", "simulated"), "simulated"))
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
-    names, terminals = list(values["channels"]), list(values["terminals"])
-    kinds = list(values["kinds"]) * (len(names) if len(values["kinds"]) == 1 else 1)
-    if not len(names) == len(terminals) == len(kinds):
-        raise SetupRefusedError(
-            f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
-        )
-    calibrations = _stated(values, names) if any(values["units"]) else calibrations_of(values)
-    check_channels(calibrations, tuple(names))
-    wiring = zip(names, terminals, kinds, strict=True)
-    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
-    scans = max(1, round(values["rate"] / values["blocks_per_second"]))
-    return values | {"channels": channels, "scans_per_block": scans}, calibrations
-
-
-def _stated(values: Mapping[str, Any], names: list[str]) -> tuple[Calibration, ...]:
-    """Return calibrations from the parameters `units` and `factors`. Raises SetupRefusedError."""
-    units, factors = list(values["units"]), list(values["factors"])
-    factors *= len(names) if len(factors) == 1 else 1
-    if any(values["calibrations"]) or not len(units) == len(factors) == len(names) or not all(units) or 0.0 in factors:
-        raise SetupRefusedError(
-            f"units {units}, factors {factors}: give one of each for a channel, factors not 0, and no calibrations"
-        )
-    known = {"sensor": "as stated", "serial": "none", "date": date.today(), "source": "parameters units and factors",
-             "limits_volts": (-_MOST, _MOST)}  # fmt: skip
-    return tuple(
-        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), **known)
-        for name, unit, factor in zip(names, units, factors, strict=True)
-    )
+    made, calibrations = values | wired(values), calibrations_of(values)
+    check_channels(calibrations, tuple(values["channels"]))
+    return made, calibrations
 
 
 def rows_of(model: type[AcquisitionSettings]) -> tuple[Entry, ...]:
@@ -120,16 +91,3 @@ def check_topic(node: Node, topic: str) -> None:
         raise ParameterError(
             f"parameter topic of {node.get_name()}: given {topic!r}; allowed: a name as sensors/laser"
         ) from None
-
-
-def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
-    """Read the files of the parameters `calibrations` and `calibration_folder`. Raises DriverError."""
-    if not any(values["calibrations"]):
-        raise SetupRefusedError("calibrations: none given; give a file for each channel, or units and factors")
-    folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
-    return tuple(load(folder / name) for name in values["calibrations"])
-
-
-def shipped_calibrations() -> Path:
-    """Return the folder of the installed calibration files; InputError where no sourced workspace has them."""
-    return share_folder("atpid_driver") / "config" / "calibration"

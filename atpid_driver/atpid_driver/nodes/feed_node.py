@@ -29,8 +29,8 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Entry, declare
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver import DriverError
-from atpid_driver.calibration.convert import volts_of
-from atpid_driver.nodes.acquisition_parameters import calibrations_of, check_topic
+from atpid_driver.calibration.convert import calibrations_of, volts_of
+from atpid_driver.nodes.acquisition_parameters import check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
 

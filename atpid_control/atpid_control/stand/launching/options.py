@@ -6,6 +6,7 @@ of the ROS installation, which need not have the project's requirements.
 """
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,11 +25,18 @@ def add_stand(parser: argparse.ArgumentParser) -> None:
     add("scene", type=file_path, help="scene file: beam, grain and ceiling (docs/scenes.md)")
     _add_map(parser)
     add("--bag", type=file_path, help="folder of the bag to make; not given: run-<id> in this folder")
-    add("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
+    add_devices(parser)
+    text = "end by itself after this time of data; default: at Ctrl-C"
+    add("--seconds", type=real(0.0, 1e9, "s", above=True), default=math.inf, help=text)
+    _add_run(parser, "")
+
+
+def add_devices(parser: argparse.ArgumentParser) -> None:
+    """Declare which devices the stand has, and with which parameters."""
+    parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
     for name, file in (("labjack", "labjack.yaml"), ("ni", "ni.yaml"), ("motor", "motor_serial.yaml")):
         text = f"parameter file of {name}_node; not given: {file} of the package"
-        add(f"--{name}-config", type=file_path, metavar="FILE", help=text)
-    _add_run(parser, "")
+        parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
 
 
 def add_bench(parser: argparse.ArgumentParser) -> None:
@@ -69,8 +77,7 @@ def _add_map(parser: argparse.ArgumentParser) -> None:
 def _add_run(parser: argparse.ArgumentParser, when: str) -> None:
     """Declare what stand and bench share; `when`: in which case the bench takes it."""
     add = parser.add_argument
-    values = "ROS parameter file whose values, for any of the nodes, take the place of those of the packages' files"
-    add("--params-file", type=file_path, metavar="FILE", help=values)
+    add_parameters(parser)
     add("--namespace", type=namespace, metavar="NAME", help=f"{when}namespace of all nodes; default: none")
     add("--log-level", choices=LEVELS, help=f"{when}least severity that the nodes log; default: info")
     restarts = "how often, in all, a killed identifier or selector is started again; default: the run ends"
@@ -82,6 +89,12 @@ def _add_run(parser: argparse.ArgumentParser, when: str) -> None:
     add("--live-host", type=word, default=HOST, metavar="ADDRESS", help=f"{host}; default: %(default)s")
     port = "TCP port of the live page; default: %(default)s"
     add("--live-port", type=whole(1, 65535), default=PORT, metavar="PORT", help=port)
+
+
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """Declare the file with values of the user's own."""
+    values = "ROS parameter file whose values, for any of the nodes, take the place of those of the packages' files"
+    parser.add_argument("--params-file", type=file_path, metavar="FILE", help=values)
 
 
 def namespace(text: str) -> str:

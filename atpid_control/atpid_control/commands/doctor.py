@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid doctor [SCENE]`: what would keep a stand from running, or make its runs worse, and how to mend it."""
+
+import argparse
+import json
+import shutil
+from contextlib import suppress
+
+from atpid_common.arguments import file_path, real, word
+from atpid_control.stand.doctor.checks import CHECKS, block, summary, table, verdict_of
+from atpid_control.stand.doctor.findings import Subject, Verdict, examine
+from atpid_control.stand.launching.options import add_devices, add_parameters
+
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --port /dev/ttyACM0"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("scene", type=file_path, nargs="?", help="scene file of the run; not given: its checks are left out")
+    add("--port", type=word, help="serial port of the board; default: that of the motor's parameters")
+    add_devices(parser)
+    add_parameters(parser)
+    add("--bag", type=file_path, help="folder of the bag to make: its disk is checked; default: this folder's")
+    add("--hours", type=real(0.0, 1e5, "h", above=True), default=1.0, help="length of the recording; default: 1")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the checks and print them; return 0, 1 where a run would be degraded, 2 where it would fail."""
+    rows = list(examine(Subject(args), CHECKS))
+    status = max(verdict_of(rows), Verdict.RIGHT)
+    if args.json:
+        plain = [{"group": row.group, "check": row.name, "verdict": row.finding.verdict.word,
+                  "found": row.finding.found, "mend": row.finding.mend} for row in rows]  # fmt: skip
+        print(json.dumps({"verdict": status.word, "checks": plain}, indent=2))
+        return int(status)
+    with suppress(ImportError):  # which is among the findings
+        from rich.console import Console
+
+        console = Console(width=max(100, shutil.get_terminal_size().columns), highlight=False)
+        console.print(table(rows))
+        console.print(summary(rows), style="bold", markup=False)
+    print(f"\nto paste into a report:\n\n{block(rows)}")
+    return int(status)

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid first-run SCENE`: the first measurement of a stand, step by step, beside what its scene expects."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from atpid_common import output
+from atpid_common.arguments import file_path, positive
+from atpid_common.cli import Parser
+from atpid_common.errors import AtpidError, InputError
+from atpid_control.commands import bench, stand
+from atpid_control.commands.results import Shown, claim, give, two_columns
+from atpid_control.runs.run import Run, open_run
+from atpid_control.stand.first_run import Expected, Row, Step, rows_of, steps_of, trace
+from atpid_control.stand.launching.options import add_devices, add_parameters
+from atpid_control.stand.parameters import read_parameters, write_parameters
+from atpid_control.stand.parts import NAMES, SERIAL_MOTOR
+from atpid_sim.scene import Scene, load_scene
+
+#: Time that a person has for what the step asks for [s].
+_HANDS = 10.0
+PICTURE, NUMBERS = "first_run.png", "first_run.json"
+DIFFERS = 1
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --emulated-stand --yes --out out/first_run"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("scene", type=file_path, help="scene file with your beam, grain and ceiling (docs/scenes.md)")
+    add("--out", type=file_path, default=Path("out/first_run"), help="folder of bags and page; default: %(default)s")
+    output.add_force(parser)
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--simulated", action="store_true", help="in place of the stand: the simulated bench")
+    kind.add_argument("--emulated-stand", action="store_true", help="or stand-in devices and the real firmware")
+    add("--yes", action="store_true", help="ask nothing; allowed where no person has to act: without a stand")
+    add("--amplitude", type=positive("m or N"), metavar="A", help="of the excitation; default: the scene's least")
+    add("--move", type=positive("m"), default=0.1, metavar="METRES", help="known motion; default: %(default)s")
+    add_devices(parser)
+    add_parameters(parser)
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the steps that are not skipped, and the page; return 0, 1 where a figure is not as expected."""
+    real = not (args.simulated or args.emulated_stand)
+    if args.yes and real:
+        raise InputError("--yes: given for a stand; allowed: with --simulated or --emulated-stand; a person has to act")
+    scene = load_scene(args.scene)
+    picture, file = claim(args, PICTURE, NUMBERS)
+    expected = Expected(scene, args.amplitude)
+    done: list[tuple[Step, Run | None, list[Row]]] = []
+    skipped: list[str] = []
+    for step in steps_of(expected, args.move):
+        answer = "" if args.yes else _asked(step)
+        if answer == "q":
+            skipped.append(f"stopped before: {step.title}")
+            break
+        if answer == "s":
+            skipped.append(f"skipped: {step.title}")
+            continue
+        done.append((step, *_measured(args, step, scene, real)))
+        for row in done[-1][2]:
+            print(f"{'as expected' if row.right else 'DIFFERS':11}  {row.what}: {row.found}; expected {row.expected}",
+                  file=sys.stderr)  # fmt: skip
+    _draw([(step, run) for step, run, _ in done if run is not None], picture)
+    rows = [(step, row) for step, _, found in done for row in found]
+    shown = two_columns((f"{step.title}: {row.what}", f"{row.found}; expected {row.expected}") for step, row in rows)
+    notes = [f"not as expected: {row.what}: {row.remedy}" for _, row in rows if not row.right] + skipped
+    numbers = {"scene": str(args.scene), "missing": [], "notes": notes,
+               "steps": {step.name: [row._asdict() for row in found] for step, _, found in done}}  # fmt: skip
+    give(args, numbers, file, Shown(f"First measurement of {args.scene.stem}", shown, notes, picture))
+    return DIFFERS if any(not row.right for _, row in rows) else 0
+
+
+def _asked(step: Step) -> str:
+    """Show what to do, and return "" for going on, "s" for leaving the step out, "q" for the end."""
+    print(f"\n{step.title} ({step.duration:.0f} s)\n  {step.task}", file=sys.stderr)
+    while True:
+        print("  Enter: go on, s: skip, q: stop > ", end="", file=sys.stderr, flush=True)
+        line = sys.stdin.readline()
+        answer = line.strip().lower() if line else "q"  # the terminal is gone
+        if answer in ("", "s", "q"):
+            return answer
+
+
+def _measured(args: argparse.Namespace, step: Step, scene: Scene, real: bool) -> tuple[Run | None, list[Row]]:
+    """Record a step; return its run and figures. A run that fails is a row that is not right."""
+    folder = args.out / step.name
+    folder.mkdir(parents=True, exist_ok=True)
+    file, parameters = folder / "scene.yaml", folder / "held.yaml"
+    file.write_text(yaml.safe_dump(_scene(scene, step).to_mapping(), sort_keys=False), encoding="utf-8")
+    given = read_parameters(args.params_file, NAMES) if args.params_file else {}
+    given["selector_node"] = given.get("selector_node", {}) | {"hold": True}  # the ceiling stays closed
+    write_parameters(given, parameters)
+    try:
+        if real:
+            bag = folder / f"bag-{len(list(folder.glob('bag-*'))) + 1}"  # an earlier one is kept
+            values = vars(args) | {"scene": file, "bag": bag, "params_file": parameters, "move": step.move}
+            stand.run(_options(stand, [str(file)], values | {"seconds": step.duration + _HANDS}))
+        else:
+            bag = folder / "run/bag"
+            paced = ["--emulated-stand"] if args.emulated_stand else ["--real-time"] * bool(step.move)
+            words = [str(file), "--out", str(bag.parent), "--params-file", str(parameters), *paced]
+            with bench.recorded(_options(bench, [*words, *(["--move", str(step.move)] if step.move else [])])):
+                pass
+        run = open_run(bag)
+        return run, rows_of(step, run)
+    except AtpidError as error:
+        return None, [Row(step.title, str(error), "a run to its end", False, "docs/first_run.md, By symptom")]
+
+
+def _options(command: Any, words: Sequence[str], values: dict[str, Any] | None = None) -> argparse.Namespace:
+    """Return the options of another command: its defaults, `words`, and of `values` those that it has."""
+    parser = Parser()
+    command.add_arguments(parser)
+    found: argparse.Namespace = parser.parse_args(list(words))
+    vars(found).update({name: value for name, value in (values or {}).items() if name in found})
+    return found
+
+
+def _scene(scene: Scene, step: Step) -> Scene:
+    """Return the scene of a step: closed, moved by a motor, as long as the step."""
+    motor, ceiling = SERIAL_MOTOR.configured(), scene.ceiling
+    low, high, speed = (*ceiling.range, ceiling.speed) if ceiling.controlled else (
+        max(motor["lowest"], 2.0 * scene.grain.radius), motor["highest"], motor["speed"])  # fmt: skip
+    closed = {"closed": low, "range": [low, high], "speed": speed, "controller": "direct"}
+    return scene.with_(
+        excitation=dict(step.excitation), ceiling=closed, duration=step.duration, initial=None,
+        steady_window=[0.0, step.duration], faults=(),
+    )  # fmt: skip
+
+
+def _draw(runs: Sequence[tuple[Step, Run]], path: Path) -> None:
+    """Draw what the sensors measured in each step, and the ceiling."""
+    from atpid_sim.figure_numbers import drawn
+
+    with drawn(path, "--out", dpi=110, nrows=max(1, len(runs)), ncols=1, squeeze=False,
+               figsize=(11.0, 2.6 * max(1, len(runs)))) as (_, axes):  # fmt: skip
+        for ax, (step, run) in zip(axes[:, 0], runs, strict=False):
+            signals = trace(run)
+            for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units,
+                                          strict=True):  # fmt: skip
+                moved = values - np.nanmedian(values)
+                ax.plot(signals.time, moved, linewidth=0.7, label=f"{name.replace('_', ' ')} about its median [{unit}]")
+            if step.move:
+                ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
+            ax.set(title=step.title, xlabel="time [s]")
+            ax.legend(loc="upper right")

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is checked before a stand is run: computer, ROS, devices, calibrations, scene (docs/first_run.md)."""

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid first-run`: on the simulated and the emulated stand, on the stand's own nodes, and on another beam."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from atpid_common.cli import Parser
+from atpid_control.cli import main as atpid
+from atpid_control.commands import first_run, stand
+from atpid_control.runs.run import open_run
+from atpid_control.stand.first_run import Expected, rows_of, steps_of
+from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
+from atpid_driver.standins import Control, build
+from atpid_driver.standins.build import environment
+from atpid_sim.scene import Scene, load_scene
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = ROOT / "scenes/stand_realtime.yaml"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _any_domain() -> Iterator[None]:
+    """A bench of a test claims a domain of its own: the session holds the one it has set."""
+    with pytest.MonkeyPatch.context() as change:
+        change.delenv("ROS_DOMAIN_ID")
+        yield
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a first run on the simulated bench."""
+    out = tmp_path_factory.mktemp("first") / "out"
+    assert atpid(["first-run", str(SCENE), "--simulated", "--yes", "--out", str(out)]) == 0
+    return out
+
+
+def figures(out: Path) -> dict[str, dict[str, Any]]:
+    """Return the rows of a first run's numbers, by what they are."""
+    steps = json.loads((out / "first_run.json").read_text())["steps"]
+    return {row["what"]: row for rows in steps.values() for row in rows}
+
+
+def test_a_simulated_stand_is_as_its_scene_expects(simulated: Path) -> None:
+    found = figures(simulated)
+    assert all(row["right"] for row in found.values())
+    # by hand: M = 0.3258/0.9 kg, f = sqrt(k/M)/2 pi, zeta = c/(2 sqrt(k M)), closed at resonance sqrt(1 + 1/(2 zeta)^2)
+    assert float(found["frequency"]["found"].split()[0]) == pytest.approx(5.470, abs=0.003)
+    assert float(found["damping ratio"]["found"].split()[0]) == pytest.approx(0.0225, abs=1e-4)
+    assert float(found["beam over excitation"]["found"]) == pytest.approx(22.2, abs=0.1)
+    assert found["known motion"]["found"] == "known motion passed"
+    page = (simulated / "first_run.html").read_text()
+    assert "free decay: damping ratio" in page
+    assert '<img src="data:image/png;base64,' in page
+
+
+def beam(scene: Scene, **changed: float) -> Scene:
+    return scene.with_(beam=scene.to_mapping()["beam"] | changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "differ"),
+    [
+        ({"stiffness": 480.0}, {"frequency", "excitation's frequency", "beam over excitation"}),
+        ({"damping": 0.9}, {"damping ratio", "ratio of successive peaks", "beam over excitation"}),
+    ],
+)
+def test_a_beam_that_is_not_the_scene_s_is_named(simulated: Path, changed: dict[str, float], differ: set[str]) -> None:
+    expected = Expected(beam(load_scene(SCENE), **changed), None)
+    runs = {step.name: open_run(simulated / step.name / "run/bag") for step in steps_of(expected, 0.0)}
+    rows = [row for step in steps_of(expected, 0.0) for row in rows_of(step, runs[step.name])]
+    assert {row.what for row in rows if not row.right} == differ
+    assert all(row.remedy for row in rows)
+
+
+def test_a_recording_of_something_else_is_named(simulated: Path) -> None:
+    expected = Expected(load_scene(SCENE), None)
+    noise, decay, resonance = steps_of(expected, 0.0)
+    (row,) = rows_of(decay, open_run(simulated / resonance.name / "run/bag"))
+    assert row.found.startswith("no free decay")
+    assert not row.right
+    loud = rows_of(noise, open_run(simulated / resonance.name / "run/bag"))
+    assert {row.what for row in loud if not row.right} >= {"beam_displacement at rest", "excitation identified"}
+
+
+def board_or_skip() -> None:
+    if missing := missing_tools():
+        text = f"left out: the emulated board; missing {', '.join(missing)}: apt-get install {PACKAGES}"
+        pytest.fail(text) if os.environ.get("CI") == "true" else pytest.skip(text)
+
+
+def test_the_emulated_stand_unattended(tmp_path: Path) -> None:
+    board_or_skip()
+    status = atpid(["first-run", str(SCENE), "--emulated-stand", "--yes", "--out", str(tmp_path / "out")])
+    found = figures(tmp_path / "out")
+    assert [row for row in found.values() if not row["right"]] == []
+    assert status == 0
+    assert float(found["ceiling's travel"]["found"].split()[0]) == pytest.approx(0.1, abs=0.003)
+
+
+def test_a_person_is_asked_and_a_stand_needs_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert atpid(["first-run", str(SCENE), "--yes", "--out", str(tmp_path / "a")]) == 2
+    assert "a person has to act" in capsys.readouterr().err
+    with (tmp_path / "answers").open("w+") as answers:
+        answers.write("what\ns\ns\nq\n")
+        answers.seek(0)
+        monkeypatch.setattr(sys, "stdin", answers)
+        assert atpid(["first-run", str(SCENE), "--out", str(tmp_path / "b")]) == 0
+    said = capsys.readouterr().err
+    assert said.count("Enter: go on, s: skip, q: stop") == 4
+    assert "Pull the tip by at most 0.22 m" in said
+    notes = json.loads((tmp_path / "b/first_run.json").read_text())["notes"]
+    assert notes == ["skipped: noise floor", "skipped: free decay", "stopped before: closed damper at resonance"]
+
+
+@contextmanager
+def devices(folder: Path) -> Iterator[tuple[list[str], dict[str, str]]]:
+    """The stand's own nodes' devices: the emulated board, and a T7 whose two inputs have the same sine."""
+    control = Control(folder / "device")
+    variables = environment(build(), ljm_control=control.path, ljm_source="sine:amplitude=0.2,offset=3,frequency=5.47")
+    motor, levels = folder / "motor.yaml", folder / "levels.yaml"
+    usual = yaml.safe_load((ROOT / "atpid_driver/config/motor_serial.yaml").read_text())
+    usual["/**/motor_node"]["ros__parameters"]["port"] = str(folder / "board")
+    motor.write_text(yaml.dump(usual))
+    levels.write_text(yaml.dump({"/**/supervisor_node": {"ros__parameters": {"beam_displacement_abort": 0.9}}}))
+    with Emulator(folder / "board", eeprom=folder / "eeprom") as board:
+        board.pace(1.0)
+        yield ["--motor-config", str(motor), "--params-file", str(levels)], variables
+    control.close()
+
+
+def test_the_stand_s_own_nodes_for_one_step(tmp_path: Path) -> None:
+    board_or_skip()
+    with devices(tmp_path) as (words, variables):
+        code = "import sys; from atpid_control.cli import main; sys.exit(main(sys.argv[1:]))"
+        command = [sys.executable, "-c", code, "first-run", str(SCENE), "--out", str(tmp_path / "out"), *words]
+        done = subprocess.run(command, input="s\ns\n\nq\n", capture_output=True, text=True, check=False, cwd=ROOT,
+                              env=os.environ | variables)  # fmt: skip
+    assert done.returncode == 1, done.stderr[-3000:]
+    found = figures(tmp_path / "out")
+    assert found["beam over excitation"]["found"] == "1"  # both lasers see the same
+    assert not found["beam over excitation"]["right"]
+    assert found["excitation's frequency"]["right"]
+    assert found["lost scans"]["right"]
+
+
+def test_the_options_of_the_stand_are_handed_on() -> None:
+    parser = Parser()
+    first_run.add_arguments(parser)
+    given: argparse.Namespace = parser.parse_args([str(SCENE), "--ni", "--motor-config", "m.yaml"])
+    made = first_run._options(stand, [str(SCENE)], vars(given) | {"seconds": 3.0})
+    assert (made.ni, made.motor_config, made.seconds, made.live) == (True, Path("m.yaml"), 3.0, False)
