@@ -37,7 +37,7 @@ def build_map(
     scene: Scene,
     amplitudes: Sequence[float],
     mass_fractions: Sequence[float],
-    out: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     workers: Workers = HERE,
     frequency_ratios: Sequence[float] | None = None,
@@ -48,20 +48,23 @@ def build_map(
     the map is for the scene's frequency. Where the damper is of no use the height is that of the closed one.
 
     It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
-    file. `progress(done, total)` is called after each point. A point whose runs fail is NaN in the map, with the reason
-    in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure where every point fails.
+    file; None: it is only returned. `progress(done, total)` is called after each point. A point whose runs fail is NaN
+    in the map, with the reason in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     ratios = None if frequency_ratios is None else _rising(frequency_ratios, "frequency ratios", 2)
     plan = _Plan(scene, wide, heavy, ratios)
     points = plan.points()
     report = progress or (lambda *_: None)
-    record: Record[Point, Values] = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
+    record: Record[Point, Values] | None = None
+    if out is not None:
+        record = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
     batch = Batch(partial(_computed, plan), points)
     found = batch.run(workers, lambda done: report(done, len(points)), record)
     made = _assemble(plan, dict(zip(points, found, strict=True)))
-    made.save(out)
-    record.finish()
+    if out is not None and record is not None:
+        made.save(out)
+        record.finish()
     return made
 
 

@@ -90,7 +90,9 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
 def _unknown_key(error: ErrorDetails) -> str:
     name = str(error["loc"][-1])
     keys = _keys(error["loc"][:-1])
-    return f"{_key(error['loc'])}: unknown key{did_you_mean(name, keys)}; allowed: {', '.join(keys)}"
+    inner = [] if len(error["loc"]) > 1 else [block for block in keys if name in _keys((block,))]
+    similar = f"; did you mean {inner[0]}.{name}?" if inner else did_you_mean(name, keys)
+    return f"{_key(error['loc'])}: unknown key{similar}; allowed: {', '.join(keys)}"
 
 
 def _unknown_law(key: str, error: ErrorDetails) -> str:
