@@ -22,7 +22,7 @@ from atpid_sim.scene import Scene as Scene
 from atpid_sim.scene import SceneError as SceneError
 from atpid_sim.scene import load_scene as load_scene
 from atpid_sim.scene import scene_from_mapping as scene_from_mapping
-from atpid_sim.scene import standard_bench
+from atpid_sim.scene import standard_bench as standard_bench
 
 if TYPE_CHECKING:  # loaded by what needs them
     from atpid_sim.maps import Best, HeightMap

@@ -48,8 +48,9 @@ def build_map(
     the map is for the scene's frequency. Where the damper is of no use the height is that of the closed one.
 
     It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
-    file; None: it is only returned. `progress(done, total)` is called after each point. A point whose runs fail is NaN
-    in the map, with the reason in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure where every point fails.
+    file; without `out` it is only returned. `progress(done, total)` is called after each point. A point whose runs fail
+    is NaN in the map, with the reason in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure
+    where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     ratios = None if frequency_ratios is None else _rising(frequency_ratios, "frequency ratios", 2)

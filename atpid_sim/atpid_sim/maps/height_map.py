@@ -94,8 +94,7 @@ class HeightMap(Labelled):
     frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
 
     labels = (
-        in_unit("1", "frequency_ratios", "frequency_ratios") | in_unit("1", "mass_fractions", "mass_fractions")
-        | in_unit("m", "amplitudes", "amplitudes") | in_unit("m", "heights beam_amplitudes", _DIMS)
+        {name: ("1", name) for name in _DIMS.split()} | in_unit("m", "heights beam_amplitudes", _DIMS)
         | in_unit("1", "efficiencies reductions reproducible", _DIMS)
     )  # fmt: skip
     drawn = ("heights",)

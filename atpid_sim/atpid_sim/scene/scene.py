@@ -66,7 +66,8 @@ class Scene(SceneValues):
         for key in ("beam", "grain"):
             if isinstance(given := changes.get(key), Mapping):
                 replaced = {_REPLACES[name] for name in given if name in _REPLACES}
-                changes[key] = {name: own for name, own in mapping[key].items() if name not in replaced} | given
+                kept = {name: own for name, own in mapping[key].items() if name not in replaced}
+                changes[key] = {**kept, **given}
         for key in ("amplitude", "frequency"):
             if key in changes:
                 mapping["excitation"][key] = changes.pop(key)
@@ -84,6 +85,8 @@ class Scene(SceneValues):
     def __repr__(self) -> str:
         lines = self.to_yaml().splitlines()
         return "\n".join(["Scene", *(f"  {line}" for line in lines[:_SHOWN]), *(["  ..."] if lines[_SHOWN:] else [])])
+
+    __str__ = __repr__
 
     def _repr_html_(self) -> str:
         """Return the text that a notebook shows."""

@@ -97,8 +97,9 @@ class Result(Labelled):
     warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
     labels = (
-        in_unit("m", "amplitude undamped_amplitude bare_amplitude spread deflection undamped_deflection bare_deflection")
-        | in_unit("m", "rms rms_error undamped_rms bare_rms support_rms") | in_unit("m/s^2", "support_acceleration_rms")
+        in_unit("m", "amplitude undamped_amplitude bare_amplitude spread rms rms_error undamped_rms bare_rms")
+        | in_unit("m", "support_rms deflection undamped_deflection bare_deflection")
+        | in_unit("m/s^2", "support_acceleration_rms")
         | in_unit("Hz", "resonance") | in_unit("s", "wall_s")
     )  # fmt: skip
 
