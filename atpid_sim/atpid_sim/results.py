@@ -46,14 +46,12 @@ def in_unit(unit: str, names: str, dims: str = "") -> dict[str, tuple[str, str]]
     return {name: (unit, dims) for name in names.split()}
 
 
-class Labelled:
-    """A base of dataclasses (`repr=False`) whose values have units, and whose arrays have named dimensions."""
+class Shown:
+    """A base of dataclasses (`repr=False`) that are shown as a table of names, values and units."""
 
     #: By name: the unit, and of an array its dimensions, in one word each; other values are ratios, counts, words. An
     #: array named as its one dimension is a coordinate. One with fewer dimensions has the last of them.
     labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    #: Arrays that `plot` draws, over their last dimension.
-    drawn: ClassVar[tuple[str, ...]] = ()
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def unit_of(self, name: str) -> str:
@@ -70,8 +68,22 @@ class Labelled:
         rows = (f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in self._rows())
         return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
 
+    def _names(self) -> list[str]:
+        return list(dict.fromkeys([*self.__dataclass_fields__, *self.labels]))
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        """Yield name and text of each value that there is."""
+        for name in self._names():
+            text, unit = _text(getattr(self, name)), self.unit_of(name)
+            if text:
+                yield name, text if unit in ("", "1") else f"{text} {unit}"
+
+
+class Labelled(Shown):
+    """The same, of numbers, text and arrays."""
+
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset: arrays by dimension with `units`, numbers as variables without one, text as attrs.
+        """Return an xarray Dataset: arrays by dimension and numbers, each with its `units`; text as attributes.
 
         Raises InputError where xarray is not installed.
         """
@@ -86,12 +98,19 @@ class Labelled:
                     variables[f"{dims[0]}_{column}"] = dims, value[column], units
             elif isinstance(value, bool | int | float) or (isinstance(value, np.ndarray) and value.size):
                 used = dims[len(dims) - np.ndim(value) :]
-                variables[name] = used, value, {"units": self.unit_of(name), "long_name": name.replace("_", " ")}
+                variables[name] = used, value, {"units": self.unit_of(name), "long_name": _word(name)}
         coordinates = {name: variables.pop(name) for name in list(variables) if variables[name][0] == [name]}
         return xarray.Dataset(variables, coordinates, texts)
 
+
+class Drawn(Labelled):
+    """The same, with curves."""
+
+    #: Arrays that `plot` draws, over their last dimension.
+    drawn: ClassVar[tuple[str, ...]] = ()
+
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the result's main curves in `ax`, or in a figure of its own; return the axes.
+        """Draw the curves in `ax`, or in a figure of its own; return the axes.
 
         Raises InputError where matplotlib is not installed.
         """
@@ -102,8 +121,8 @@ class Labelled:
             for name in self.drawn:
                 for label, curve in self._lines(name):
                     axes.plot(getattr(self, over), curve, label=label)
-            axes.set_xlabel(f"{over.replace('_', ' ')} [{self.unit_of(over)}]")
-            what = self.drawn[0].replace("_", " ") if len(self.drawn) == 1 else "displacement"
+            axes.set_xlabel(f"{_word(over)} [{self.unit_of(over)}]")
+            what = _word(self.drawn[0]) if len(self.drawn) == 1 else "displacement"
             axes.set_ylabel(f"{what} [{self.unit_of(self.drawn[0])}]")
             if len(axes.get_lines()) > 1:
                 axes.legend()
@@ -116,35 +135,30 @@ class Labelled:
         given = [(dim, getattr(self, dim)) for dim in dims[:-1]]
         for place in product(*(range(len(values)) for _, values in given)):
             several = [(dim, of[k]) for k, (dim, of) in zip(place, given, strict=True) if len(of) > 1]
-            at = (f"{dim.replace('_', ' ').removesuffix('s')} {value:.4g}" for dim, value in several)
-            yield ", ".join(at) or name.replace("_", " "), values[place]
+            at = (f"{_word(dim)} {value:.4g}" for dim, value in several)
+            yield ", ".join(at) or _word(name), values[place]
 
-    def _names(self) -> list[str]:
-        return list(dict.fromkeys([*self.__dataclass_fields__, *self.labels]))
 
-    def _rows(self) -> Iterator[tuple[str, str]]:
-        """Yield name and text of each value that there is."""
-        for name in self._names():
-            text, unit = _text(getattr(self, name)), self.unit_of(name)
-            if text:
-                yield name, text if unit in ("", "1") else f"{text} {unit}"
+def _word(name: str) -> str:
+    """Return what one value of an array is called."""
+    return name.replace("_", " ").removesuffix("s")
 
 
 def _text(value: Any) -> str:
     """Return a value in short; empty where there is none."""
     if isinstance(value, np.ndarray) and value.dtype.names:
         return f"{len(value)} rows of {', '.join(value.dtype.names)}"
-    if isinstance(value, np.ndarray) and value.ndim:
-        finite = value[np.isfinite(value)] if value.dtype.kind in "biufc" else value[:0]
-        shown = f", {np.abs(finite).min() if np.iscomplexobj(finite) else finite.min():.4g}" if finite.size else ""
-        shown += f" to {np.abs(finite).max() if np.iscomplexobj(finite) else finite.max():.4g}" if finite.size else ""
-        return f"array {value.shape}{shown}" if value.size else ""
+    if isinstance(value, np.ndarray):
+        numbers = np.abs(value) if np.iscomplexobj(value) else value
+        finite = numbers[np.isfinite(numbers)] if value.dtype.kind in "biufc" else value[:0]
+        return f"array {value.shape}" + (f", {finite.min():.4g} to {finite.max():.4g}" if finite.size else "")
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.6g}"
-    if isinstance(value, Labelled):
+    if hasattr(value, "_repr_html_"):
         return type(value).__name__
-    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+    if isinstance(value, Mapping):  # of files and tables the names
+        plain = all(isinstance(each, str | int | float) for each in value.values())
+        return ", ".join(f"{key} {_text(each)}" if plain else str(key) for key, each in value.items())
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         return ", ".join(map(_text, value))
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_text(each)}" for key, each in value.items())
     return "" if value is None else str(value.value if isinstance(value, Enum) else value)

@@ -21,7 +21,7 @@ from atpid_common.vocabulary import DRIVES
 from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.modal import bare_amplitude
-from atpid_sim.results import Labelled, in_unit
+from atpid_sim.results import Drawn, in_unit
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
@@ -75,7 +75,7 @@ class MapEntry:
 
 
 @dataclass(frozen=True, repr=False)
-class HeightMap(Labelled):
+class HeightMap(Drawn):
     """Best heights; grids are (mass fractions, amplitudes), NaN where a point could not be computed.
 
     A map over frequencies has grids (frequency ratios, mass fractions, amplitudes).

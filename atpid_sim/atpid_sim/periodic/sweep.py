@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.periodic.over_heights import Way, over_heights
-from atpid_sim.results import Labelled, in_unit
+from atpid_sim.results import Drawn, in_unit
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Workers
 from atpid_sim.system import Array
@@ -19,7 +19,7 @@ _GRID = "mass_fractions amplitudes heights"
 
 
 @dataclass(frozen=True, repr=False)
-class Sweep(Labelled):
+class Sweep(Drawn):
     """What a scene comes to; grids are (mass fractions, amplitudes, heights)."""
 
     heights: Array  # (n,) to which the ceiling goes last [m]

@@ -14,7 +14,7 @@ from atpid_common.errors import InputError
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.results import Labelled, in_unit, named_impacts
+from atpid_sim.results import Drawn, Labelled, in_unit, named_impacts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.beside_finite import cross_check_with_finite
 from atpid_sim.simulation.energy import Ledger
@@ -110,7 +110,7 @@ class Result(Labelled):
 
 
 @dataclass(frozen=True, repr=False)
-class Trajectory(Labelled):
+class Trajectory(Drawn):
     """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; its impacts (k,)."""
 
     time: Array
