@@ -47,6 +47,7 @@ RUN = {
         r"atpid bag validate ": "test_the_bag_that_comes_along_is_its_own_simulation"
     },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
+    "tests/test_wheel.py": {r"python -m atpid_sim$": "test_in_an_empty_environment"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
     "tests/test_fresh.py": {r"make fresh$": "test_fresh_examples_of_the_property_tests_pass"},
     "tests/test_design_page.py": {
@@ -230,6 +231,8 @@ NOT_RUN = {
     r"make lock$": "resolves against the package index; its results have a test",
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
+    r"make wheel( |$)": "installs from the package index; test_wheel.py tries the wheel beside what is there",
+    r"pip install \"out/wheel": "make wheel does it",
     r"make parquet$": "installs a package; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
