@@ -232,7 +232,6 @@ NOT_RUN = {
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"make wheel( |$)": "installs from the package index; test_wheel.py tries the wheel beside what is there",
-    r"pip install \"out/wheel": "make wheel does it",
     r"make parquet$": "installs a package; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
@@ -251,7 +250,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
-    "my_beam.yaml", "my_map.npz", "methods.json", "sweep.csv",
+    "my_beam.yaml", "my_map.npz", "height_map.png", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",
     "scenes/a.yaml", "levels.yaml", "contact.yaml", "drop.csv", "force.csv",

@@ -34,6 +34,12 @@ def test_every_name_is_there_and_no_other() -> None:
         _ = ap.simulat  # type: ignore[attr-defined]
 
 
+def test_bags_are_of_another_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
+    with pytest.raises(AttributeError, match=r"open_run.*; bags are read by the package atpid_control"):
+        _ = ap.open_run  # type: ignore[attr-defined]
+
+
 def test_version_is_that_of_the_package() -> None:
     assert f'version="{ap.__version__}"' in (Path(__file__).parents[1] / "setup.py").read_text()
 
@@ -90,8 +96,9 @@ def test_a_sweep_is_its_runs() -> None:
     assert swept.beam_amplitudes.shape == (2, 2, 4)
     for m, a, h in ((0, 0, 0), (1, 0, 3), (0, 1, 2)):
         scene = opened(SCENE.with_(mass_fraction=fractions[m], amplitude=amplitudes[a]), float(heights[h]))
-        longer = {} if swept.ways[m, a, h] == "unsettled" else {"duration": 60.0, "steady_window": [50.0, 60.0]}
-        run = ap.simulate(scene.with_(**longer), check=False)
+        if swept.ways[m, a, h] != "unsettled":
+            scene = scene.with_(duration=60.0, steady_window=[50.0, 60.0])
+        run = ap.simulate(scene, check=False)
         assert swept.beam_amplitudes[m, a, h] == pytest.approx(run.amplitude, rel=1e-4)
         assert swept.efficiencies[m, a, h] == pytest.approx(run.efficiency, abs=1e-3)
         assert swept.reductions[m, a, h] == pytest.approx(run.reduction, abs=1e-3)
