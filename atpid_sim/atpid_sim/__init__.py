@@ -7,29 +7,19 @@
 from typing import TYPE_CHECKING
 
 __version__ = "1.0.0"
+#: Those of `api`, which is not loaded to know them.
+_NAMES = [
+    "NumericalFailure", "Scene", "SceneError", "best_height", "compile_kernels", "height_map", "load_map", "load_scene",
+    "scene_from_mapping", "simulate", "standard_bench", "steady_state", "sweep", "trajectory",
+]  # fmt: skip
 
 if TYPE_CHECKING:
-    from atpid_sim.api import (
-        NumericalFailure,
-        Scene,
-        SceneError,
-        best_height,
-        compile_kernels,
-        height_map,
-        load_map,
-        load_scene,
-        scene_from_mapping,
-        simulate,
-        standard_bench,
-        steady_state,
-        sweep,
-        trajectory,
-    )
+    from atpid_sim.api import *  # noqa: F403
 else:
 
     def __getattr__(name):
         """Return a function of the interface, or what another package adds under the entry point `atpid_sim`."""
-        if name in __all__:
+        if name in _NAMES:
             from atpid_sim import api
 
             return getattr(api, name)
@@ -41,10 +31,4 @@ else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
 
     def __dir__():
-        return [*__all__, "__version__"]
-
-
-__all__ = [
-    "NumericalFailure", "Scene", "SceneError", "best_height", "compile_kernels", "height_map", "load_map", "load_scene",
-    "scene_from_mapping", "simulate", "standard_bench", "steady_state", "sweep", "trajectory",
-]  # fmt: skip
+        return [*_NAMES, "__version__"]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`import atpid_sim as ap`: the same numbers as the modules below it, with names, units and pictures."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 import atpid_sim as ap
 from atpid_common.errors import InputError
-from atpid_sim import maps, periodic
+from atpid_sim import api, maps, periodic
 from atpid_sim.results import IMPACT, named_impacts
 from atpid_sim.simulation import simulate as module
 from atpid_sim.simulation.heights import opened
@@ -21,6 +22,12 @@ SCENE = ap.standard_bench(contact={"law": "impact", "restitution": 0.2}, duratio
 LOW = SCENE.with_(height=0.1)
 
 
+def test_each_function_is_on_its_page() -> None:
+    page = (Path(__file__).parents[2] / "docs/python.md").read_text()
+    shown = {*re.findall(r"(?:`|ap\.)(\w+)\(", page)}
+    assert {name for name in api.__all__ if name.islower()} - shown == set()
+
+
 def test_importing_it_loads_nothing() -> None:
     text = "import sys, atpid_sim; print({'numpy', 'numba', 'pydantic', 'atpid_sim.api'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
@@ -28,8 +35,8 @@ def test_importing_it_loads_nothing() -> None:
 
 
 def test_every_name_is_there_and_no_other() -> None:
-    assert {name for name in ap.__all__ if not hasattr(ap, name)} == set()
-    assert set(dir(ap)) == {*ap.__all__, "__version__"}
+    assert {name for name in dir(ap) if not hasattr(ap, name)} == set()
+    assert set(dir(ap)) == {*api.__all__, "__version__"}
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = ap.simulat  # type: ignore[attr-defined]
 
@@ -59,7 +66,7 @@ def test_a_run_is_the_run() -> None:
 )
 def test_instants_are_those_asked_for(first: float, last: float, count: int) -> None:
     instants = np.linspace(first, last, count)
-    motion = ap.trajectory(LOW, instants)
+    motion = ap.trajectory(LOW, t_eval=instants)
     assert np.array_equal(motion.time, instants)
     assert len(motion.beam) == count
     fine = module.trajectory(LOW, 1e5)
@@ -69,11 +76,11 @@ def test_instants_are_those_asked_for(first: float, last: float, count: int) -> 
 @pytest.mark.parametrize("wrong", [[0.0, 1.0, 3.0], [1.0, 0.0], [0.0], [0.0, 9.0], [-1.0, 1.0], [0.0, np.nan], 3.0])
 def test_other_instants_are_refused_in_one_line(wrong: object) -> None:
     with pytest.raises(InputError, match=r"^t_eval: given .*; allowed: two or more evenly spaced from 0 to 8 s"):
-        ap.trajectory(LOW, wrong)  # type: ignore[arg-type]
+        ap.trajectory(LOW, t_eval=wrong)  # type: ignore[arg-type]
 
 
 def test_impacts_have_named_columns() -> None:
-    motion = ap.trajectory(LOW, np.linspace(0.0, 8.0, 801))
+    motion = ap.trajectory(LOW, t_eval=np.linspace(0.0, 8.0, 801))
     assert motion.impacts.dtype.names == IMPACT[:3]
     assert set(motion.impacts["wall"]) == {1.0, -1.0}
     assert len(motion.impacts) == pytest.approx(ap.simulate(LOW).impacts, abs=3)  # bounces before the grain sticks
@@ -112,7 +119,7 @@ def test_a_sweep_is_its_runs() -> None:
 
 
 def test_a_map_is_its_best_heights(tmp_path: Path) -> None:
-    made = ap.height_map(SCENE, [0.008, 0.01], out=tmp_path / "map.npz")
+    made = ap.height_map(SCENE, [0.008, 0.01], [0.1], out=tmp_path / "map.npz")
     assert np.array_equal(ap.load_map(tmp_path / "map.npz").heights, made.heights)
     best = ap.best_height(SCENE)
     damper = maps.DamperResponse(SCENE, maps.map_tolerance(SCENE))
@@ -127,19 +134,19 @@ def test_a_map_is_its_best_heights(tmp_path: Path) -> None:
 
 def test_a_map_without_a_file_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    made = ap.height_map(SCENE, [0.008, 0.01], frequency_ratios=[0.95, 1.0])
+    made = ap.height_map(SCENE, [0.008, 0.01], [0.1], frequency_ratios=[0.95, 1.0])
     assert made.to_xarray().heights.dims == ("frequency_ratios", "mass_fractions", "amplitudes")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_a_force_drives_has_its_unit() -> None:
     pushed = LOW.with_(drive="force", excitation={"amplitude": 3.0, "frequency": "resonance"})
-    assert ap.trajectory(pushed, np.linspace(0.0, 1.0, 11)).to_xarray().support.units == "N"
+    assert ap.trajectory(pushed, t_eval=np.linspace(0.0, 1.0, 11)).to_xarray().support.units == "N"
     assert ap.sweep(pushed, [0.1]).unit_of("amplitudes") == "N"
 
 
 def test_a_result_prints_names_values_and_units() -> None:
-    motion = ap.trajectory(LOW, np.linspace(0.0, 8.0, 801))
+    motion = ap.trajectory(LOW, t_eval=np.linspace(0.0, 8.0, 801))
     assert "  time               array (801,), 0 to 8 s\n" in repr(motion)
     assert "<th>time</th><td>array (801,), 0 to 8 s</td>" in motion._repr_html_()
     assert f"amplitude           {ap.simulate(LOW).amplitude:.6g} m" in repr(ap.simulate(LOW))
@@ -148,7 +155,7 @@ def test_a_result_prints_names_values_and_units() -> None:
 
 @pytest.mark.parametrize(("library", "call"), [("xarray", "to_xarray"), ("matplotlib.pyplot", "plot")])
 def test_a_library_that_is_missing_is_named(library: str, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    motion = ap.trajectory(LOW, [0.0, 1.0])
+    motion = ap.trajectory(LOW, t_eval=[0.0, 1.0])
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(InputError, match=rf"^{call}: needs {library.partition('.')[0]}, .*; pip install "):
         getattr(motion, call)()

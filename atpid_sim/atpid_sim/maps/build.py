@@ -16,7 +16,7 @@ from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
 from atpid_sim.maps.response import LEAST_USE, DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
-from atpid_sim.simulation.batch import HERE, Batch, Workers
+from atpid_sim.simulation.batch import Batch, Workers
 from atpid_sim.simulation.integration import rtol_of
 from atpid_sim.simulation.journal import Record, beside
 
@@ -39,7 +39,7 @@ def build_map(
     mass_fractions: Sequence[float],
     out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-    workers: Workers = HERE,
+    workers: Workers | int | None = None,
     frequency_ratios: Sequence[float] | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
@@ -61,7 +61,7 @@ def build_map(
     if out is not None:
         record = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
     batch = Batch(partial(_computed, plan), points)
-    found = batch.run(workers, lambda done: report(done, len(points)), record)
+    found = batch.run(Workers.of(workers), lambda done: report(done, len(points)), record)
     made = _assemble(plan, dict(zip(points, found, strict=True)))
     if out is not None and record is not None:
         made.save(out)

@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steady motions of a scene over heights, amplitudes and grain masses at once."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from atpid_sim.periodic.over_heights import Way, over_heights
 from atpid_sim.results import Drawn, in_unit
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.batch import HERE, Workers
+from atpid_sim.simulation.batch import Workers
 from atpid_sim.system import Array
 
 _GRID = "mass_fractions amplitudes heights"
@@ -47,27 +45,34 @@ class Sweep(Drawn):
         return self.amplitude_unit if name == "amplitudes" else super().unit_of(name)
 
 
-def cases(scene: Scene, mass_fractions: Sequence[float] | None, amplitudes: Sequence[float] | None) -> list[Scene]:
+def cases(scene: Scene, mass_fractions: ArrayLike | None, amplitudes: ArrayLike | None) -> list[Scene]:
     """Return the scene with each mass fraction [-] and, of each, each amplitude [m or N]; None: those of the scene."""
-    changed = [scene if one is None else scene.with_(mass_fraction=one) for one in mass_fractions or (None,)]
-    each = product(changed, amplitudes or (None,))
-    return [one if amplitude is None else one.with_(amplitude=amplitude) for one, amplitude in each]
+    changed = (
+        [scene.with_(mass_fraction=one) for one in np.ravel(mass_fractions)] if mass_fractions is not None else [scene]
+    )
+    if amplitudes is None:
+        return changed
+    return [one.with_(amplitude=amplitude) for one in changed for amplitude in np.ravel(amplitudes)]
 
 
 def sweep(
     scene: Scene,
-    heights: Array,
-    amplitudes: Sequence[float] | None = None,
-    mass_fractions: Sequence[float] | None = None,
+    heights: ArrayLike,
+    amplitudes: ArrayLike | None = None,
+    mass_fractions: ArrayLike | None = None,
     fidelity: str = "auto",
     rtol: float | None = None,
-    workers: Workers = HERE,
+    workers: Workers | int | None = None,
 ) -> Sweep:
     """Return what a scene comes to at heights (n,), rising [m]; see `cases` and, for the rest, `over_heights`."""
     scenes = cases(scene, mass_fractions, amplitudes)
-    found = over_heights(scenes, heights, fidelity, rtol, workers)
+    found = over_heights(scenes, np.ravel(heights), fidelity, rtol, Workers.of(workers))
     last = [one.excitation.amplitude_points[-1][1] for one in scenes]
-    shape = len(scenes) // len(amplitudes or (0,)), len(amplitudes or (0,)), len(found[0].heights)
+    shape = (
+        1 if mass_fractions is None else np.size(mass_fractions),
+        1 if amplitudes is None else np.size(amplitudes),
+        -1,
+    )
 
     def grid(name: str) -> Any:
         return np.reshape([getattr(one, name) for one in found], shape)

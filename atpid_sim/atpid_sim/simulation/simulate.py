@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.engine import columns, drive
@@ -204,18 +204,24 @@ def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: 
     return replace(verdict, error=verdict.error + choice.model_error)
 
 
-def trajectory(scene: Scene, at: float | Array, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
-    """Run a scene and return its motion at i / `at` [s] over the whole run, a rate [Hz], or at instants (n,) [s].
+def trajectory(
+    scene: Scene,
+    rate: float | None = None,
+    fidelity: str = "auto",
+    rtol: float | None = None,
+    t_eval: ArrayLike | None = None,
+) -> Trajectory:
+    """Run a scene and return its motion at i / rate [s] over the whole run, `rate` in Hz, or at instants (n,) [s].
 
     `fidelity` and `rtol` as in `simulate`. Raises NumericalFailure and SceneError as that does, InputError for instants
     that are not evenly spaced within the run.
     """
     scene.require_prescribed_ceiling()
     integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
-    if isinstance(at, np.ndarray):
-        times, period = at, _period_of(at, scene.duration)
+    if rate is None:
+        times, period = _even(t_eval, scene.duration)
     else:
-        times, period = np.arange(math.floor(scene.duration * at * (1.0 + 1e-12)) + 1) / at, 1.0 / at
+        times, period = np.arange(math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1) / rate, 1.0 / rate
     further = len(scene.dampers) - 1
     samples, log = sample_series(len(times), further), impact_log(_LOG, further > 0)
     seen = Observation(first=float(times[0]), period=period, samples=samples, impacts=log)
@@ -226,13 +232,14 @@ def trajectory(scene: Scene, at: float | Array, fidelity: str = "auto", rtol: fl
     return Trajectory(times[: len(beam)], support, beam, velocity, acceleration, grain, ceiling, impacts, others, unit)
 
 
-def _period_of(instants: Array, duration: float) -> float:
-    """Return the distance of instants (n,) [s]; raise InputError where they are not evenly spaced within a run."""
-    within = instants.ndim == 1 and instants.size > 1 and 0.0 <= instants[0] < instants[-1] <= duration
-    period = float(instants[-1] - instants[0]) / (instants.size - 1) if within else 0.0
-    if within and np.abs(np.diff(instants) - period).max() <= 1e-6 * period:
-        return period
-    given = np.array2string(instants, threshold=4, edgeitems=2)
+def _even(t_eval: ArrayLike | None, duration: float) -> tuple[Array, float]:
+    """Return instants (n,) and their distance [s]; raise InputError where they are not evenly spaced within a run."""
+    times = np.asarray(t_eval, dtype=float)
+    if times.ndim == 1 and times.size > 1 and 0.0 <= times[0] < times[-1] <= duration:
+        period = float(times[-1] - times[0]) / (times.size - 1)
+        if np.abs(np.diff(times) - period).max() <= 1e-6 * period:
+            return times, period
+    given = np.array2string(times, threshold=4, edgeitems=2)
     allowed = f"two or more evenly spaced from 0 to {duration:g} s, such as numpy.linspace(0, {duration:g}, 1001)"
     raise InputError(f"t_eval: given {given}; allowed: {allowed}")
 
