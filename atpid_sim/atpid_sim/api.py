@@ -26,7 +26,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def _compiled(function: _Function) -> _Function:
-    """Return a function that first compiles the engine for its scene, or loads it, and prints that where it takes long."""
+    """Return a function that first compiles or loads the engine for its scene, and prints that where it takes long."""
 
     @functools.wraps(function)
     def called(scene: Scene, *args: Any, **others: Any) -> Any:
