@@ -116,6 +116,15 @@ firmware: ## build the motor's firmware (needs the AVR tools)
 	@command -v avr-g++ > /dev/null || { echo "the firmware needs the AVR tools: sudo make avr-tools" >&2; exit 2; }
 	@$(MAKE) --no-print-directory -C atpid_driver/firmware
 
+# The wheel has what needs neither ROS nor a command line: the interface is `import atpid_sim`.
+.PHONY: wheel
+wheel: setup ## build the physics as a wheel in out/wheel and try it in empty environments (PYTHONS="python3.10 python3.13")
+	@$(IN_WORKSPACE) rm -rf out/wheel && mkdir -p out/wheel/source && \
+	cp -r ros2_ws/wheel/pyproject.toml LICENSE atpid_sim/atpid_sim atpid_interfaces/atpid_common/atpid_common out/wheel/source && \
+	python -m pip wheel -q --no-deps --no-build-isolation --wheel-dir out/wheel out/wheel/source && \
+	exec env ATPID_PYTHONS="$(or $(PYTHONS),python3.10 python3.11 python3.12 python3.13)" \
+	    python -m pytest -q -rA tests/test_wheel.py
+
 .PHONY: lock
 lock: ## resolve ros2_ws/requirements/*.in again (UPGRADE=--upgrade for the newest of everything)
 	@ros2_ws/requirements/lock

@@ -43,5 +43,8 @@ setup(
     maintainer_email="atpid@example.org",
     description="Identification, height selection, recording and replay for the tuned particle impact damper.",
     license="Apache-2.0",
-    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in EXECUTABLES]},
+    entry_points={
+        "console_scripts": [f"{node} = {NAME}.executables:{node}" for node in EXECUTABLES],
+        "atpid_sim": [f"open_run = {NAME}.runs.run:open_run"],  # what `import atpid_sim` offers beside its own
+    },
 )

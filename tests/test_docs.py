@@ -50,6 +50,7 @@ RUN = {
         r"atpid bag validate ": "test_the_bag_that_comes_along_is_its_own_simulation"
     },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
+    "tests/test_wheel.py": {r"python -m atpid_sim$": "test_in_an_empty_environment"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
     "tests/test_fresh.py": {r"make fresh$": "test_fresh_examples_of_the_property_tests_pass"},
     "tests/test_design_page.py": {
@@ -241,6 +242,7 @@ NOT_RUN = {
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"make (parquet|import)$": "installs packages; .ci/run does it",
+    r"make wheel( |$)": "installs from the package index; test_wheel.py tries the wheel beside what is there",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
@@ -258,7 +260,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
-    "my_beam.yaml", "my_map.npz", "methods.json", "sweep.csv",
+    "my_beam.yaml", "my_map.npz", "height_map.png", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",
     "scenes/a.yaml", "levels.yaml", "contact.yaml", "drop.csv", "force.csv",

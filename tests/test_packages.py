@@ -181,6 +181,21 @@ def test_setup_installs_every_file(package: str, tmp_path: Path) -> None:
     assert differences(package, prefix) == []
 
 
+@pytest.mark.slow
+def test_what_a_package_adds_to_the_physics_is_there(tmp_path: Path) -> None:
+    run(
+        [sys.executable, "setup.py", "-q", "egg_info", "--egg-base", str(tmp_path)],
+        folder_of("atpid_control"),
+        dict(os.environ),
+    )
+    text = "import atpid_sim, atpid_control; assert atpid_sim.open_run is atpid_control.open_run"
+    given = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]),
+    }
+    run([sys.executable, "-c", text], tmp_path, given)
+
+
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace of somebody's own, with a clone of the repository in it."""

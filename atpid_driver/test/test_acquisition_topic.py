@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from atpid_driver import DriverError
-from atpid_driver.acquisition import Acquisition, Channel, SetupRefusedError
+from atpid_driver.acquisition import Acquisition, Channel
 from atpid_driver.acquisition.contract import AcquisitionContract
 from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
 from atpid_driver.clock import earliest_line

@@ -126,7 +126,7 @@ def test_instantaneous_impacts(drive: str) -> None:
         z[-1] += impulse / equations.grain
         z[-2] += math.copysign(1e-12, closing)  # off the wall: the next event is another one
     known = own.time <= t
-    assert np.sum(own.impacts[:, 0] < t) > 6
+    assert np.sum(own.impacts["time"] < t) > 6
     assert np.abs(own.beam - beam)[known].max() < 1e-6 * np.ptp(beam[known])
 
 

@@ -69,7 +69,7 @@ def test_equal_cells_that_start_alike_move_as_one_grain() -> None:
     cells = trajectory(several(**equal(3, 0.1, 0.2), duration=5.0), 500.0, "impact")
     assert np.abs(one.beam - cells.beam).max() < 1e-6 * np.ptp(one.beam)
     assert cells.further_grains == pytest.approx(np.array([cells.grain, cells.grain]))
-    assert sorted(set(cells.impacts[:, 3])) == [1.0, 2.0, 3.0]
+    assert sorted(set(cells.impacts["damper"])) == [1.0, 2.0, 3.0]
     assert len(cells.impacts) == 3 * len(one.impacts)
 
 
@@ -115,7 +115,7 @@ def test_momentum_and_restitution_of_one_impact_where_the_shape_is_another() -> 
         excitation={"amplitude": 0.08, "frequency": 5.0},
     )  # fmt: skip
     motion = trajectory(scene, 1e5, "impact")
-    time, side, speed, _damper = motion.impacts[motion.impacts[:, 3] == 2.0][0]
+    time, side, speed, _damper = motion.impacts[motion.impacts["damper"] == 2.0][0]
     modes, damper = [scene.beam, *scene.further_modes], scene.dampers[1]
     compliance = sum(shape**2 / mode.mass for shape, mode in zip(damper.shapes, modes, strict=True))
     impulse = 1.6 * side * speed / (compliance + 1.0 / damper.grain_mass)

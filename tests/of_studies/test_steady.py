@@ -35,7 +35,7 @@ def test_the_standard_task_is_what_it_settles_to() -> None:
     assert found.amplitude == pytest.approx(settled(STANDARD, "soft", 1e-10), rel=1e-8)
     assert found.error_estimate < 1e-8
     assert found.periods == 1
-    assert sorted(found.impacts[:, 1]) == [-1.0, 1.0]
+    assert sorted(found.impacts["wall"]) == [-1.0, 1.0]
     assert found.followed < 12.0
 
 

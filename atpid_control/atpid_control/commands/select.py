@@ -17,7 +17,7 @@ from atpid_control.selection.protocol import Excitation, HeightSelector, Selecti
 from atpid_control.selection.registry import at_any_frequency, make_selector, methods
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulation.excitation import amplitude_at
+from atpid_sim.simulation.excitation import steady_amplitude
 from atpid_sim.simulation.quantities import efficiency, worse_than_without
 
 #: Arguments of the example in the help.
@@ -99,16 +99,6 @@ def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
     else:
         _show(f"{args.scene}: direct, by root mean square", scene, chosen, warnings, bare, "RMS of the beam")
     return 0
-
-
-def steady_amplitude(scene: Scene) -> float:
-    """Return the excitation's amplitude in the middle of the steady window [m or N]; SelectionError: there is none."""
-    if not scene.excitation.is_tone:
-        raise SelectionError(
-            f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"
-        )
-    begin, end = scene.steady_window
-    return amplitude_at(scene, 0.5 * (begin + end))
 
 
 def to_json(chosen: Selection) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from atpid_control.runs.signal import Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
 from atpid_control.runs.tree import frames_of, tree_of
+from atpid_sim.results import Shown
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.energy import Ledger, relative_residual
@@ -44,8 +45,8 @@ _ASIDE = 60.0
 _TEXT = 80
 
 
-@dataclass(frozen=True)
-class RecordedMotion:
+@dataclass(frozen=True, repr=False)
+class RecordedMotion(Shown):
     """Displacements sampled together."""
 
     origin: str
@@ -57,8 +58,8 @@ class RecordedMotion:
     ceiling: Array  # (n,) height [m]; NaN where unknown
 
 
-@dataclass(frozen=True)
-class Estimates:
+@dataclass(frozen=True, repr=False)
+class Estimates(Shown):
     """The identified excitation, one value a block."""
 
     time: Array  # (k,) [s]
@@ -68,8 +69,8 @@ class Estimates:
     frequency: Array  # (k,) [Hz]
 
 
-@dataclass(frozen=True)
-class Heights:
+@dataclass(frozen=True, repr=False)
+class Heights(Shown):
     """Heights of the ceiling, commanded or reported."""
 
     time: Array  # (k,) [s]
@@ -88,8 +89,8 @@ class RunEvent:
     count: int = 1  # how many times in a row
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """What a bag or a table holds."""
 
     path: Path
@@ -335,14 +336,14 @@ class Run:
                            "missing": self.missing, "files": files})  # fmt: skip
         return tree
 
+    to_xarray = tree
+
     def frames(self) -> dict[str, pd.DataFrame]:
         """Return the run as pandas tables by topic, `time` [s] as index; units and the rest are in `frame.attrs`."""
         return frames_of(self.tree())
 
 
-def open_run(
-    path: Path | str, topics: Sequence[str] = (), begin: float = -math.inf, end: float = math.inf
-) -> Run:  # fmt: skip
+def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.inf, end: float = math.inf) -> Run:
     """Read a bag (its folder or one file), of one that breaks off what is there, or a .csv table of numbers.
 
     `topics`: those wanted, all where none is named. Of samples only those from `begin` to `end` [s] are kept, to the

@@ -12,6 +12,7 @@ from scipy.interpolate import make_smoothing_spline
 from scipy.ndimage import map_coordinates, uniform_filter1d
 from scipy.signal import firwin, resample_poly
 
+from atpid_sim.results import Shown
 from atpid_sim.system import Array
 
 #: Stamps that are off start + index / rate by no more are of one clock with them [s].
@@ -88,8 +89,8 @@ def clock_of(index: NDArray[np.int64], stamp: NDArray[np.int64], rate: float) ->
     return StreamClock(rate / (1.0 + drift), drift, error, rate, (ends, course))
 
 
-@dataclass(frozen=True)
-class Signal:
+@dataclass(frozen=True, repr=False)
+class Signal(Shown):
     """One channel, evenly sampled: index by index from its first sample on."""
 
     name: str

@@ -23,11 +23,7 @@ from atpid_sim.simulation.unrepeated import vibration, write_spectrum
 if TYPE_CHECKING:
     from atpid_sim.periodic import SteadyState
 
-_UNITS = {
-    "amplitude": "m", "undamped_amplitude": "m", "bare_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s",
-    "followed": "s", "rms": "m", "undamped_rms": "m", "bare_rms": "m", "support_rms": "m",
-    "support_acceleration_rms": "m/s^2", "deflection": "m", "undamped_deflection": "m", "bare_deflection": "m",
-}  # fmt: skip
+_UNITS = {"followed": "s"} | {name: unit for name, (unit, _) in Result.labels.items()}
 _DRIVEN = (
     "rms", "undamped_rms", "efficiency_rms", "bare_rms", "reduction_rms", "independent_samples", "support_rms",
     "support_acceleration_rms", "deflection", "undamped_deflection", "bare_deflection",

@@ -4,7 +4,6 @@
 import argparse
 import json
 from dataclasses import fields
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -38,15 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find the motions and print how; return 0. Raises SceneError, OutputError, JournalError."""
     from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
+    from atpid_sim.periodic.sweep import cases
 
     scene = load_scene(args.scene)
     if args.out is not None:
         output.file(args.out, replace=args.force)
-    cases = list(product(args.mass_fractions or (None,), args.amplitudes or (None,)))
-    scenes = []
-    for fraction, amplitude in cases:
-        changed = scene if fraction is None else scene.with_(mass_fraction=fraction)
-        scenes.append(changed if amplitude is None else changed.with_(amplitude=amplitude))
+    scenes = cases(scene, args.mass_fractions, args.amplitudes)
     with counting("heights", len(scenes) * len(args.heights)) as count:
         done = over_heights(
             scenes, np.array(args.heights), args.fidelity, args.rtol, workers_of(args), count,

@@ -19,6 +19,7 @@ from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
 from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST, LAST_BELOW, WIDE, HeightSearch, promising
 from atpid_sim.maps.ratings import Mapper
 from atpid_sim.maps.response import DamperResponse
+from atpid_sim.results import Labelled, in_unit
 from atpid_sim.simulation.quantities import efficiency
 
 #: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
@@ -26,8 +27,8 @@ from atpid_sim.simulation.quantities import efficiency
 FAR = 1.1
 
 
-@dataclass(frozen=True)
-class Best:
+@dataclass(frozen=True, repr=False)
+class Best(Labelled):
     """A best height, what it is worth, and how far the levels agreed that it was searched and rated with."""
 
     height: float  # [m]
@@ -40,6 +41,8 @@ class Best:
     #: Largest of the two amplitudes where both are reproducible, relative; 0: none was; above the flatness the search
     #: went on with the latter [-].
     disagreement: float = 0.0
+
+    labels = in_unit("m", "height amplitude")
 
 
 def best_height(

@@ -16,7 +16,7 @@ from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
 from atpid_sim.maps.response import LEAST_USE, DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
-from atpid_sim.simulation.batch import HERE, Batch, Workers
+from atpid_sim.simulation.batch import Batch, Workers
 from atpid_sim.simulation.integration import rtol_of
 from atpid_sim.simulation.journal import Record, beside
 
@@ -37,9 +37,9 @@ def build_map(
     scene: Scene,
     amplitudes: Sequence[float],
     mass_fractions: Sequence[float],
-    out: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-    workers: Workers = HERE,
+    workers: Workers | int | None = None,
     frequency_ratios: Sequence[float] | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
@@ -48,20 +48,24 @@ def build_map(
     the map is for the scene's frequency. Where the damper is of no use the height is that of the closed one.
 
     It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
-    file. `progress(done, total)` is called after each point. A point whose runs fail is NaN in the map, with the reason
-    in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure where every point fails.
+    file; without `out` it is only returned. `progress(done, total)` is called after each point. A point whose runs fail
+    is NaN in the map, with the reason in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure
+    where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     ratios = None if frequency_ratios is None else _rising(frequency_ratios, "frequency ratios", 2)
     plan = _Plan(scene, wide, heavy, ratios)
     points = plan.points()
     report = progress or (lambda *_: None)
-    record: Record[Point, Values] = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
+    record: Record[Point, Values] | None = None
+    if out is not None:
+        record = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
     batch = Batch(partial(_computed, plan), points)
-    found = batch.run(workers, lambda done: report(done, len(points)), record)
+    found = batch.run(Workers.of(workers), lambda done: report(done, len(points)), record)
     made = _assemble(plan, dict(zip(points, found, strict=True)))
-    made.save(out)
-    record.finish()
+    if out is not None and record is not None:
+        made.save(out)
+        record.finish()
     return made
 
 

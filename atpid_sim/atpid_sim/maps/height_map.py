@@ -21,6 +21,7 @@ from atpid_common.vocabulary import DRIVES
 from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.modal import bare_amplitude
+from atpid_sim.results import Drawn, in_unit
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
@@ -28,6 +29,7 @@ from atpid_sim.system import Array
 FORMAT, FORMAT_OF_RATIOS = 1, 2
 
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
+_DIMS = "frequency_ratios mass_fractions amplitudes"
 #: Least mass fraction of a row [-]: no grain weighs less, and ratios of rows are numbers.
 _LEAST_FRACTION = 1e-12
 #: Two mass fractions this close are the same [-]; amplitudes and frequencies are, by this share.
@@ -72,8 +74,8 @@ class MapEntry:
     efficiency: float  # 1 - amplitude / amplitude of the closed damper [-]
 
 
-@dataclass(frozen=True)
-class HeightMap:
+@dataclass(frozen=True, repr=False)
+class HeightMap(Drawn):
     """Best heights; grids are (mass fractions, amplitudes), NaN where a point could not be computed.
 
     A map over frequencies has grids (frequency ratios, mass fractions, amplitudes).
@@ -90,6 +92,16 @@ class HeightMap:
     source: str = "the map"  # its name in messages
     failures: tuple[Failure, ...] = ()  # points that could not be computed
     frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
+
+    labels = (
+        {name: ("1", name) for name in _DIMS.split()} | in_unit("m", "heights beam_amplitudes", _DIMS)
+        | in_unit("1", "efficiencies reductions reproducible", _DIMS)
+    )  # fmt: skip
+    drawn = ("heights",)
+
+    def unit_of(self, name: str) -> str:
+        """Return the unit of a value."""
+        return self.unit if name == "amplitudes" else super().unit_of(name)
 
     @property
     def unit(self) -> str:

@@ -4,10 +4,12 @@
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_sim.results import Labelled, in_unit
 from atpid_sim.system import Array
 
 #: Least multiplier of which a logarithm is taken.
@@ -31,8 +33,8 @@ class Method(Enum):
     WAITED = "run at this fidelity until it repeated itself"
 
 
-@dataclass(frozen=True)
-class SteadyState:
+@dataclass(frozen=True, repr=False)
+class SteadyState(Labelled):
     """A stable periodic motion that a scene ends in."""
 
     amplitude: float  # half peak-to-peak of the beam [m]
@@ -42,9 +44,15 @@ class SteadyState:
     followed: float  # how much was run, beyond the scene's end where it took that [s]
     section: Array  # (n,), see `periodic.return_map`
     phase: float  # of the section, as a share of a period
-    impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+    impacts: NDArray[Any]  # (k,) with the columns of `results.IMPACT`, times after the section
     fidelity: str
     method: Method = Method.SHORT
+
+    labels = (
+        in_unit("m", "amplitude") | in_unit("s", "followed") | in_unit("1", "multipliers", "multiplier")
+        | in_unit("", "section", "place") | in_unit("", "impacts", "impact")
+        | in_unit("1", "stability_margin settling_periods")
+    )  # fmt: skip
 
     @property
     def stability_margin(self) -> float:
@@ -57,8 +65,8 @@ class SteadyState:
         return -self.periods / math.log(max(float(abs(self.multipliers[0])), _LEAST))
 
 
-@dataclass(frozen=True)
-class SteadySearch:
+@dataclass(frozen=True, repr=False)
+class SteadySearch(Labelled):
     """How a search ended, and the steady motion where one was found."""
 
     ending: SteadyEnding

@@ -29,6 +29,7 @@ from atpid_sim.periodic.solve import (
     sorted_multipliers,
     tolerance_of,
 )
+from atpid_sim.results import named_impacts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import (
     NO_OBSERVATION,
@@ -217,7 +218,7 @@ def _waited(run: _Run, periods: int, known: float) -> SteadyState | None:
         followed=run.begin + run.done * run.period,
         section=run.state.y[run.integration.sections.places],
         phase=run.phase,
-        impacts=log[: state.n[columns.IMPACTS]],
+        impacts=named_impacts(log[: state.n[columns.IMPACTS]]),
         fidelity=run.integration.fidelity,
         method=Method.WAITED,
     )
@@ -258,7 +259,7 @@ def _described(run: _Run, motion: PeriodicMotion, known: float) -> SteadyState:
         followed=run.begin + run.done * run.period,
         section=motion.section,
         phase=motion.phase,
-        impacts=motion.impacts,
+        impacts=named_impacts(motion.impacts),
         fidelity=run.integration.fidelity,
         method=Method.LONG,
     )

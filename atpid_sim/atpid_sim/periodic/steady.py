@@ -18,6 +18,7 @@ from atpid_sim.periodic.newton import Newton, extrapolated
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
 from atpid_sim.periodic.run_on import run_on
 from atpid_sim.periodic.solve import arrives, multipliers_at
+from atpid_sim.results import named_impacts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, rtol_of
@@ -139,5 +140,5 @@ def _described(approach: Approach, exact: ReturnMap, orbit: Orbit, section: Arra
         return None
     return SteadyState(
         orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase,
-        orbit.impacts, exact.integration.fidelity,
+        named_impacts(orbit.impacts), exact.integration.fidelity,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 """The blocks of drives that are no single tone: one of several tones, a random motion, a shock."""
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
 
@@ -100,7 +100,7 @@ class Shock(SceneBlock):
     )
 
     @model_validator(mode="after")
-    def _one_size(self) -> Self:
+    def _one_size(self) -> "Shock":
         if (self.acceleration is None) == (self.displacement is None):
             given = "neither" if self.acceleration is None else "both"
             raise impossible("", Words(given), "exactly one of acceleration, displacement")

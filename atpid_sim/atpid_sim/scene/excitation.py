@@ -2,7 +2,7 @@
 """What the support does: tones, nothing (free decay), a sweep, random motion, a shock, or a measured series."""
 
 import math
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, field_validator, model_validator
 
@@ -206,7 +206,7 @@ class Series(SceneBlock):
         return file
 
     @model_validator(mode="after")
-    def _either(self) -> Self:
+    def _either(self) -> "Series":
         if (self.acceleration is None) != (self.high_pass is None):
             raise impossible("", Words("one of acceleration and high_pass"), "both or neither")
         if self.acceleration is not None and {"displacement", "offset"} & self.model_fields_set:

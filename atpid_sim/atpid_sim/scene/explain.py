@@ -15,7 +15,12 @@ from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.model import ContactBlock, SceneValues
 
-_VARIANTS = {**variants_of(Excitation), **variants_of(Ceiling), **variants_of(ContactBlock)}
+_CHOICES = {
+    "excitation": variants_of(Excitation),
+    "ceiling": variants_of(Ceiling),
+    "contact": variants_of(ContactBlock),
+}
+_VARIANTS = {tag: block for choice in _CHOICES.values() for tag, block in choice.items()}
 
 _WITH_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 #: A unit in a description.
@@ -90,7 +95,10 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
 def _unknown_key(error: ErrorDetails) -> str:
     name = str(error["loc"][-1])
     keys = _keys(error["loc"][:-1])
-    return f"{_key(error['loc'])}: unknown key{did_you_mean(name, keys)}; allowed: {', '.join(keys)}"
+    blocks = {key: [_model_at((key,)), *_CHOICES.get(key, {}).values()] for key in keys if len(error["loc"]) == 1}
+    inner = [key for key, models in blocks.items() if any(one and name in one.model_fields for one in models)]
+    similar = f"; did you mean {inner[0]}.{name}?" if inner else did_you_mean(name, keys)
+    return f"{_key(error['loc'])}: unknown key{similar}; allowed: {', '.join(keys)}"
 
 
 def _unknown_law(key: str, error: ErrorDetails) -> str:

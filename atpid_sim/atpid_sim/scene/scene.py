@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from atpid_common.files import FileError, read_text
 from atpid_sim.scene.errors import SceneError
@@ -18,6 +20,10 @@ from atpid_sim.scene.yaml12 import read_yaml
 
 #: Size of a scene's file at most [bytes]: a profile of a whole day fits.
 _LARGEST = 8_000_000
+#: What a key of the beam is given in place of.
+_REPLACES = {"frequency": "stiffness", "damping_ratio": "damping"}
+#: Lines of a scene that are shown.
+_SHOWN = 60
 #: The standard bench of thesis section 3.4, which studies and figures start from.
 _STANDARD: dict[str, object] = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
@@ -47,15 +53,21 @@ class Scene(SceneValues):
         """Return a validated copy with some values changed.
 
         `height` [m] puts a fixed ceiling there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
-        replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
+        replace that value in its block, as `beam={"mass": 0.4}` and `grain={...}` do with those given; any other name
+        is a key of the scene itself (duration, ceiling={...}, ...).
         Under a closed ceiling the grain begins on the floor, wherever it did before.
         Raises SceneError as loading does.
         """
-        mapping = self.to_mapping()
+        mapping, changes = self.to_mapping(), {key: _plain(value) for key, value in changes.items()}
         if height is not None:
-            mapping["ceiling"] = {"height": float(height)}
+            mapping["ceiling"] = {"height": _plain(height)}
         if mass_fraction is not None:
-            mapping["grain"]["mass_fraction"] = float(mass_fraction)
+            mapping["grain"]["mass_fraction"] = _plain(mass_fraction)
+        for key in ("beam", "grain"):
+            if isinstance(given := changes.get(key), Mapping):
+                replaced = {_REPLACES[name] for name in given if name in _REPLACES}
+                kept = {name: own for name, own in mapping[key].items() if name not in replaced}
+                changes[key] = {**kept, **given}
         for key in ("amplitude", "frequency"):
             if key in changes:
                 mapping["excitation"][key] = changes.pop(key)
@@ -65,6 +77,25 @@ class Scene(SceneValues):
         if start and first is not None and first <= 2.0 * self.grain.radius and "initial" not in changes:
             mapping["initial"] = {key: value for key, value in start.items() if not key.startswith("grain_")}
         return scene_from_mapping(mapping, source="changed scene")
+
+    def __dir__(self) -> list[str]:
+        """Return the names without pydantic's own."""
+        return [name for name in super().__dir__() if name.startswith("__") or not hasattr(BaseModel, name)]
+
+    def __repr__(self) -> str:
+        lines = self.to_yaml().splitlines()
+        return "\n".join(["Scene", *(f"  {line}" for line in lines[:_SHOWN]), *(["  ..."] if lines[_SHOWN:] else [])])
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return the text that a notebook shows."""
+        return f"<pre>{html.escape(repr(self))}</pre>"
+
+
+def _plain(value: Any) -> Any:
+    """Return numpy's numbers and arrays as plain ones."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 def load_scene(path: str | Path) -> Scene:

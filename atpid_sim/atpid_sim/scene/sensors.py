@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
 
@@ -21,7 +21,7 @@ class Reading(SceneBlock):
     )
 
     @model_validator(mode="after")
-    def _rising(self) -> Self:
+    def _rising(self) -> Reading:
         if self.saturation is not None and self.saturation[1] <= self.saturation[0]:
             raise impossible("saturation", list(self.saturation), "two rising values")
         return self

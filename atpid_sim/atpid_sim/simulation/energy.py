@@ -12,11 +12,12 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact
 from atpid_sim.modal import ModeSet
+from atpid_sim.results import Labelled, in_unit
 from atpid_sim.system import Array, System, structure_of
 
 
-@dataclass(frozen=True)
-class Ledger:
+@dataclass(frozen=True, repr=False)
+class Ledger(Labelled):
     """Energy flows since the start [J] and their relative residual.
 
     The residual is what does not add up, relative to all flows and to the largest energy of the spring at either end,
@@ -29,6 +30,8 @@ class Ledger:
     ceiling_work: float
     stored: float
     residual: float
+
+    labels = in_unit("J", "input beam_loss contact_loss ceiling_work stored")
 
 
 def ledger_of(

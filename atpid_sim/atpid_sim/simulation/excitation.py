@@ -56,6 +56,16 @@ def amplitude_at(scene: Scene, t: float) -> float:
     return _along(scene.excitation.amplitude_points, t)
 
 
+def steady_amplitude(scene: Scene) -> float:
+    """Return a tone's amplitude in the middle of the steady window [m or N]; raise SceneError for another drive."""
+    if not scene.excitation.is_tone:
+        raise SceneError(
+            f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"
+        )
+    begin, end = scene.steady_window
+    return amplitude_at(scene, 0.5 * (begin + end))
+
+
 def frequency_at(scene: Scene, t: float) -> float:
     """Return the excitation's frequency at time t [s] in Hz; NaN where it has no one frequency."""
     excitation = scene.excitation

@@ -8,10 +8,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from atpid_common.errors import InputError
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.results import Drawn, Labelled, in_unit, named_impacts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.beside_finite import cross_check_with_finite
 from atpid_sim.simulation.energy import Ledger
@@ -46,8 +49,8 @@ _STICKING = 0.1
 _NEVER_REPEATING = {"random": "random", "series": "recorded", "tones": "tones", "shock": "shock"}
 
 
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(Labelled):
     """One run: the beam's amplitude in the steady window, how it was computed, error estimate, reproducibility."""
 
     amplitude: float  # half peak-to-peak of the beam in the window [m]
@@ -93,15 +96,22 @@ class Result:
     impacts_per_damper: tuple[int, ...] = ()  # where there are several
     warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
+    labels = (
+        in_unit("m", "amplitude undamped_amplitude bare_amplitude spread rms rms_error undamped_rms bare_rms")
+        | in_unit("m", "support_rms deflection undamped_deflection bare_deflection")
+        | in_unit("m/s^2", "support_acceleration_rms")
+        | in_unit("Hz", "resonance") | in_unit("s", "wall_s")
+    )  # fmt: skip
+
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
         plain: dict[str, Any] = finite(asdict(self))
         return plain
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; impacts (k, 3)."""
+@dataclass(frozen=True, repr=False)
+class Trajectory(Drawn):
+    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; its impacts (k,)."""
 
     time: Array
     support: Array
@@ -110,8 +120,20 @@ class Trajectory:
     beam_acceleration: Array
     grain: Array
     ceiling: Array
-    impacts: Array  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; of several dampers also its number
+    impacts: NDArray[Any]  # with the columns of `results.IMPACT`
     further_grains: Array  # displacements (k, n) [m]
+    support_unit: str = "m"  # N: of a force that drives instead
+
+    labels = (
+        in_unit("s", "time", "time") | in_unit("m", "support beam grain ceiling", "time")
+        | in_unit("m/s", "beam_velocity", "time") | in_unit("m/s^2", "beam_acceleration", "time")
+        | in_unit("m", "further_grains", "further_grain time") | in_unit("", "impacts", "impact")
+    )  # fmt: skip
+    drawn = ("beam", "grain")
+
+    def unit_of(self, name: str) -> str:
+        """Return the unit of a value."""
+        return self.support_unit if name == "support" else super().unit_of(name)
 
 
 def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, check: bool = True) -> Result:
@@ -182,20 +204,44 @@ def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: 
     return replace(verdict, error=verdict.error + choice.model_error)
 
 
-def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
-    """Run a scene and return its motion at i / rate [s], `rate` in Hz, over the whole run.
+def trajectory(
+    scene: Scene,
+    rate: float | None = None,
+    fidelity: str = "auto",
+    rtol: float | None = None,
+    t_eval: ArrayLike | None = None,
+) -> Trajectory:
+    """Run a scene and return its motion at i / rate [s] over the whole run, `rate` in Hz, or at instants (n,) [s].
 
-    `fidelity` and `rtol` as in `simulate`. Raises NumericalFailure and SceneError as that does.
+    `fidelity` and `rtol` as in `simulate`. Raises NumericalFailure and SceneError as that does, InputError for instants
+    that are not evenly spaced within the run.
     """
     scene.require_prescribed_ceiling()
     integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
-    count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
+    if rate is None:
+        times, period = _even(t_eval, scene.duration)
+    else:
+        times, period = np.arange(math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1) / rate, 1.0 / rate
     further = len(scene.dampers) - 1
-    samples, log = sample_series(count, further), impact_log(_LOG, further > 0)
-    run = integration.run(Observation(period=1.0 / rate, samples=samples, impacts=log), drive_table(scene))
+    samples, log = sample_series(len(times), further), impact_log(_LOG, further > 0)
+    seen = Observation(first=float(times[0]), period=period, samples=samples, impacts=log)
+    run = integration.run(seen, drive_table(scene))
     support, beam, velocity, acceleration, grain, ceiling = run.samples[: columns.SAMPLE_ROWS]
-    times, others = np.arange(len(beam)) / rate, run.samples[columns.SAMPLE_ROWS :]
-    return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts, others)
+    others, impacts = run.samples[columns.SAMPLE_ROWS :], named_impacts(run.impacts)
+    unit = scene.driven_by.unit
+    return Trajectory(times[: len(beam)], support, beam, velocity, acceleration, grain, ceiling, impacts, others, unit)
+
+
+def _even(t_eval: ArrayLike | None, duration: float) -> tuple[Array, float]:
+    """Return instants (n,) and their distance [s]; raise InputError where they are not evenly spaced within a run."""
+    times = np.asarray(t_eval, dtype=float)
+    if times.ndim == 1 and times.size > 1 and 0.0 <= times[0] < times[-1] <= duration:
+        period = float(times[-1] - times[0]) / (times.size - 1)
+        if np.abs(np.diff(times) - period).max() <= 1e-6 * period:
+            return times, period
+    given = np.array2string(times, threshold=4, edgeitems=2)
+    allowed = f"two or more evenly spaced from 0 to {duration:g} s, such as numpy.linspace(0, {duration:g}, 1001)"
+    raise InputError(f"t_eval: given {given}; allowed: {allowed}")
 
 
 def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:

@@ -118,9 +118,9 @@ def forces(job: Job, options: Mapping[str, Any]) -> Measured:
 
 def _speeds(motion: Trajectory, begin: float, end: float) -> dict[str, float]:
     """Return the largest closing speed on each wall [m/s]: the overlap's rate at first contact."""
-    late = motion.impacts[(motion.impacts[:, 0] >= begin) & (motion.impacts[:, 0] < end)]
+    late = motion.impacts[(motion.impacts["time"] >= begin) & (motion.impacts["time"] < end)]
     walls = (("floor_speed", FLOOR), ("ceiling_speed", CEILING))
-    return {name: float(late[late[:, 1] == wall, 2].max(initial=0.0)) for name, wall in walls}
+    return {name: float(late["speed"][late["wall"] == wall].max(initial=0.0)) for name, wall in walls}
 
 
 def specific_damping(displacement: Array) -> Array:

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The wheel of the physics: what docs/python.md shows runs from it, without ROS and without this repository.
+
+`make wheel` names interpreters in ATPID_PYTHONS; each gets an empty environment from the package index. Otherwise the
+wheel is unpacked beside the libraries that are there, which needs no network.
+"""
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from documented import ROOT
+
+pytestmark = pytest.mark.slow
+
+PAGE = (ROOT / "docs/python.md").read_text()
+#: The example of the page that is timed, once the kernels are compiled, and its processor time at most [s]: on a busy
+#: machine it takes longer than that, on an idle one no longer.
+TWENTY, LONGEST = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0], 10.0
+ALONE = "\nimport sys; assert not {'rclpy', 'atpid_control', 'atpid_interfaces'} & set(sys.modules)\n"
+
+
+def run(command: list[str | Path], folder: Path, **variables: str) -> str:
+    """Run a command where nothing of the workspace is seen; return what it prints."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS", "AMENT"))}
+    done = subprocess.run(command, cwd=folder, env=kept | variables, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def processor_time() -> float:
+    """Return what the processes started here and ended have used [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel that `make wheel` has built, or one built here in the same way."""
+    if "ATPID_PYTHONS" in os.environ:
+        return next((ROOT / "out/wheel").glob("*.whl"))
+    folder = tmp_path_factory.mktemp("wheel")
+    for source in ("atpid_sim/atpid_sim", "atpid_interfaces/atpid_common/atpid_common"):
+        shutil.copytree(ROOT / source, folder / "source" / Path(source).name)
+    for name in ("ros2_ws/wheel/pyproject.toml", "LICENSE"):
+        shutil.copy(ROOT / name, folder / "source")
+    built: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "-q",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+        folder,
+    ]
+    run([*built, folder / "source"], folder)
+    return next(folder.glob("*.whl"))
+
+
+@pytest.mark.skipif("ATPID_PYTHONS" in os.environ, reason="in empty environments below")
+def test_the_page_s_first_example_runs_from_the_wheel(wheel: Path, tmp_path: Path) -> None:
+    run([sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", tmp_path / "lib", wheel], tmp_path)
+    files = {path.relative_to(tmp_path / "lib").as_posix() for path in (tmp_path / "lib").rglob("*.py")}
+    assert not [name for name in files if "/nodes/" in name or "/commands/" in name]
+    printed = run([sys.executable, "-W", "error", "-c", TWENTY + ALONE], tmp_path, PYTHONPATH=str(tmp_path / "lib"))
+    assert "without the damper" in printed
+    assert (tmp_path / "height_map.png").stat().st_size > 20_000
+
+
+@pytest.mark.skipif("ATPID_PYTHONS" not in os.environ, reason="installs from the package index: `make wheel` runs it")
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("name", os.environ.get("ATPID_PYTHONS", "").split())
+def test_in_an_empty_environment(name: str, wheel: Path, tmp_path: Path) -> None:
+    found = shutil.which(name)
+    if found is None or subprocess.run([found, "-V"], capture_output=True, check=False).returncode:
+        pytest.skip(f"{name} is not on this machine")
+    run([found, "-m", "venv", "env"], tmp_path)
+    python = tmp_path / "env/bin/python"
+    locked = re.sub(
+        r"^(#.*| .*)\n| \\$", "", (ROOT / "ros2_ws/requirements/wheels.txt").read_text(), flags=re.MULTILINE
+    )
+    (tmp_path / "versions.txt").write_text(locked)
+    steps: dict[str, list[str | Path]] = {
+        "install": [python, "-m", "pip", "install", "-q", "-c", "versions.txt", f"{wheel}[plot,xarray]"],
+        "kernels": [python, "-m", "atpid_sim"],
+        "twenty lines": [python, "-W", "error", "-c", TWENTY + ALONE],
+        "again": [python, "-W", "error", "-c", TWENTY + ALONE],
+    }
+    used = {}
+    print(run([python, "-V"], tmp_path).strip())
+    for what, command in steps.items():
+        begun, before = time.monotonic(), processor_time()
+        run(command, tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
+        used[what] = processor_time() - before
+        print(f"{what}: {time.monotonic() - begun:.1f} s, {used[what]:.1f} s of processor time", flush=True)
+    assert (tmp_path / "height_map.png").stat().st_size > 20_000
+    assert used["twenty lines"] < LONGEST
