@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 MAGIC = b"ATPIDOU1"
 QUEUE, DATA_OFFSET = 65536, 4096
@@ -32,6 +33,11 @@ class Outputs:
             os.replace(part, path)
         self._header = np.memmap(path, HEADER, "r", shape=(1,))[0]
         self._queue = np.memmap(path, np.float64, "r", offset=DATA_OFFSET, shape=(QUEUE,))
+
+    def recent(self, output: int, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times before now (n,) [s] and the voltages there (n,), one a millisecond."""
+        now, age = time.monotonic_ns(), np.arange(round(1e3 * seconds)) * 1e-3
+        return -age, np.array([self.volts(output, now - round(1e9 * each)) for each in age])
 
     def volts(self, output: int, now_ns: int | None = None) -> float:
         """Return the voltage of DAC`output` at a steady time [ns], by default now [V]."""
