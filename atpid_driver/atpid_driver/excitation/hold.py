@@ -27,8 +27,9 @@ class _Integrator:
     drift: float = 0.0
 
     def turn(self, error: float, seconds: float, slow: float) -> None:
+        if abs(error) < _MOST_ERROR:  # a large one is no drift: it would carry the output beyond the command
+            self.drift += error * seconds / (_SLOWER * slow**2)
         error = max(-_MOST_ERROR, min(_MOST_ERROR, error))
-        self.drift += error * seconds / (_SLOWER * slow**2)
         wanted = self.value + (error / slow + self.drift) * seconds
         self.value = max(-self.limit, min(self.limit, wanted))
         if self.value != wanted:
