@@ -18,8 +18,7 @@ F = 5.4
 
 def commanded(scenes: Path, folder: Path, **changes: Any) -> Path:
     excitation = {"commanded": True, "amplitude": 0.03, "frequency": F}
-    own = {"excitation": excitation, "duration": 8.0} | changes
-    own["steady_window"] = [own["duration"] - 0.5, own["duration"]]
+    own = {"excitation": excitation, "duration": 8.0, "steady_window": [7.5, 8.0]} | changes
     return scene_file(scenes / "stand_realtime.yaml", folder, **own)
 
 
@@ -27,7 +26,8 @@ class Operator:
     """Publishes commands at times of the run; its node is made in the run's own context."""
 
     def __init__(self, plan: list[tuple[float, dict[str, Any]]]) -> None:
-        self._plan, self._node, self._sequence = plan, None, 0
+        self._plan, self._sequence = plan, 0
+        self._node: Node | None = None
         self._current: dict[str, Any] | None = None
 
     def __call__(self, reached: float) -> None:
@@ -71,5 +71,3 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
     assert {ExcitationState.RAMPING, ExcitationState.RUNNING, ExcitationState.STOPPING} <= set(modes)
     found = [message for _, message in bag.messages("/excitation/command")]
     assert [message.kind for message in found][-1] == ExcitationCommand.OFF
-
-

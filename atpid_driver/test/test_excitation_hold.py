@@ -16,8 +16,10 @@ LIMITS = Limits(1.0, 0.1, 50.0, 2.0, 5.0, 0.1)
 Plant = Callable[[float, float, float], float]  # amplitude of the support, of output, frequency and time
 
 
-def run(command: Command, plant: Plant, seconds: float, *, window: float, late: float, noise: float, bias: float,
-        slip: float = 0.0, lag: float = 0.0, seed: int = 0) -> np.ndarray:  # fmt: skip
+def run(  # noqa: PLR0913  # what is drawn at random
+    command: Command, plant: Plant, seconds: float, *, window: float, late: float, noise: float, bias: float,
+    slip: float = 0.0, lag: float = 0.0, seed: int = 0,
+) -> np.ndarray:  # fmt: skip
     """Return (n, 4): time [s], true amplitude, true frequency [Hz] of the support, and whether `held` was stated.
 
     The estimate is the mean over a window that ended some time ago; lag: time constant of the support's reaction.

@@ -113,8 +113,6 @@ def test_noise_has_its_own_spectrum_size_and_seed(seed: int) -> None:
     assert (other.samples(100) == third.samples(100)).all()
 
 
-
-
 def test_a_recorded_signal_is_put_out_at_its_own_times_scaled_to_the_peak(tmp_path: Path) -> None:
     t = np.arange(0.0, 2.0, 1 / 256)
     values = 3.0 + 7.0 * np.sin(2 * np.pi * 2.0 * t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services of motor and exciter, by which the supervisor stops and arms them: only what they confirm is reported."""
+"""The services of motor and exciter, by which the supervisor stops and arms them, and reports what they confirm."""
 
 import time
 from typing import Any

@@ -175,7 +175,7 @@ class SupervisorNode(Node):
             self._publish(time.monotonic())  # now: the motor need not wait for the next turn
 
     async def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop on request of the operator: all off until `~/rearm`. A success is confirmed by the devices themselves."""
+        """Stop on request of the operator: all off until `~/rearm`. Success: the devices have confirmed it."""
         self._stop("stopped by the operator")
         motor = await self._motor.stop()
         exciter = await self._exciter.stop() if self._exciter else ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol that every exciter's output implements, and the simulated one. Times are integer nanoseconds."""
+"""The protocol that every exciter's output implements, and the simulated one."""
 
 from dataclasses import dataclass
 from math import nan
@@ -13,6 +13,9 @@ from atpid_driver.excitation.signals import Command, Generator, Limits, Point
 MOST_LATE = 1.0
 
 
+NOWHERE = Point(0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Output:
     """What is put out at one instant."""
@@ -22,32 +25,32 @@ class Output:
     sequence: int = 0  # of the command followed
     amplitude: float = 0.0  # by the calibration [m] or [N]
     frequency: float = 0.0  # [Hz]
-    wanted: Point = Point(0.0, 0.0)  # of the command, now
+    wanted: Point = NOWHERE  # of the command, now
     volts: float = nan  # peak; NaN: there is none
 
 
 class ExcitationDrive(Protocol):
     """An exciter's output. All calls come from one thread; any may raise ExcitationError."""
 
-    def connect(self, now: int) -> str:
+    def connect(self) -> str:
         """Open the device with its output off, and return what it is."""
 
-    def enable(self, now: int) -> None:
+    def enable(self) -> None:
         """Let commands switch the output on."""
 
-    def follow(self, command: Command, now: int) -> None:
+    def follow(self, command: Command) -> None:
         """Follow `command` along ramps. Raises CommandRefusedError and NotReadyError; the output stays as it is."""
 
     def correct(self, amplitude: float, frequency: float, *, waits: bool) -> None:
         """Put out so many times the command's amplitude and frequency; waits: a sweep stays where it is."""
 
-    def turn(self, now: int) -> Output:
-        """Go on to `now` and return the output; the output ends where these calls end."""
+    def turn(self, now: int, /) -> Output:
+        """Go on to the steady time `now` [ns] and return the output; the output ends where these calls end."""
 
-    def stop(self, now: int) -> None:
+    def stop(self) -> None:
         """Ramp down within `stop_time`."""
 
-    def off(self, now: int) -> None:
+    def off(self) -> None:
         """Return when the output is off, at most `stop_time` later; it stays off until `enable`.
 
         Raises OutputLostError where the device does not confirm it.
@@ -64,18 +67,18 @@ class SimulatedDrive:
         """Begin unconnected."""
         self._generator = Generator(limits)
         self._connected = self._enabled = False
-        self._now = 0
+        self._now: int | None = None
 
-    def connect(self, now: int) -> str:
+    def connect(self) -> str:
         """See ExcitationDrive."""
-        self._connected, self._now = True, now
+        self._connected = True
         return "simulated exciter"
 
-    def enable(self, now: int) -> None:
+    def enable(self) -> None:
         """See ExcitationDrive."""
         self._enabled = True
 
-    def follow(self, command: Command, now: int) -> None:
+    def follow(self, command: Command) -> None:
         """See ExcitationDrive. A plant follows amplitude and frequency, so tones alone."""
         if command.kind in (ExciterKind.RANDOM, ExciterKind.RECORDED):
             raise CommandRefusedError(
@@ -90,24 +93,24 @@ class SimulatedDrive:
         """See ExcitationDrive."""
         self._generator.factors, self._generator.waits = (amplitude, frequency), waits
 
-    def turn(self, now: int) -> Output:
+    def turn(self, now: int, /) -> Output:
         """See ExcitationDrive."""
-        elapsed, self._now = (now - self._now) * 1e-9, now
+        elapsed, self._now = (0.0 if self._now is None else (now - self._now) * 1e-9), now
         self._generator.advance(min(max(elapsed, 0.0), MOST_LATE))
         return output_of(self._generator) if self._connected else Output(ExciterMode.UNCONFIGURED)
 
-    def stop(self, now: int) -> None:
+    def stop(self) -> None:
         """See ExcitationDrive."""
         self._generator.stop()
 
-    def off(self, now: int) -> None:
+    def off(self) -> None:
         """See ExcitationDrive: at once, since a plant ramps down by itself until its next sample."""
         self._enabled = False
         self._generator.cut()
 
     def close(self) -> None:
         """See ExcitationDrive."""
-        self.off(self._now)
+        self.off()
         self._connected = False
 
 

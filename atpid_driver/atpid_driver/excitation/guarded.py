@@ -40,21 +40,22 @@ class GuardedDrive:
         self._rest = b""
         self._output = Output(ExciterMode.UNCONFIGURED)
 
-    def connect(self, now: int) -> str:
+    def connect(self) -> str:
         """See ExcitationDrive."""
         self.close()
         values = {name: value for name, value in asdict(self._settings).items() if name != "limits"}
-        command = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", json.dumps(values), str(self._folder)]
+        program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process"]
+        command = [*program, json.dumps(values), str(self._folder)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
         self._rest = b""
         self._output = Output(ExciterMode.OFF)
         return str(self._wait("identity", _OPEN))
 
-    def enable(self, now: int) -> None:
+    def enable(self) -> None:
         """See ExcitationDrive."""
         self._enabled = True
 
-    def follow(self, command: Command, now: int) -> None:
+    def follow(self, command: Command) -> None:
         """See ExcitationDrive."""
         if not self._enabled:
             raise NotReadyError("the output is off: activate the excitation node")
@@ -69,7 +70,7 @@ class GuardedDrive:
         held = 1.0 if self._settings.backend == "labjack_dac" else amplitude  # a disc's amplitude is what it is
         self._send({"factors": [held, frequency], "waits": waits})
 
-    def turn(self, now: int) -> Output:
+    def turn(self, _now: int, /) -> Output:
         """See ExcitationDrive: the last state that was received, and a request for the next."""
         if self._process is not None:
             self._send({})
@@ -77,11 +78,11 @@ class GuardedDrive:
                 self._take(found)
         return self._output
 
-    def stop(self, now: int) -> None:
+    def stop(self) -> None:
         """See ExcitationDrive."""
         self._send({"stop": True})
 
-    def off(self, now: int) -> None:
+    def off(self) -> None:
         """See ExcitationDrive."""
         self._enabled = False
         if self._process is None:

@@ -101,11 +101,15 @@ class Commander:
 class MotionPermit:
     """Whether motor or exciter may move now; always, where it is not supervised."""
 
-    def __init__(self, node: Node, on_stop: Callable[[str], None], timeout: float, *, supervised: bool) -> None:
+    def __init__(
+        self, node: Node, on_stop: Callable[[str], None], timeout: float, on_state: Callable[[], None] = lambda: None,
+        *, supervised: bool,
+    ) -> None:  # fmt: skip
         """Subscribe where it is supervised; on_stop: called with the reason of a stop, by each message that has one.
 
-        timeout: silence of the supervisor that withdraws the permission [s].
+        timeout: silence of the supervisor that withdraws the permission [s]; on_state: called after each message.
         """
+        self._on_state = on_state
         self.supervised, self._timeout, self._on_stop = supervised, timeout, on_stop
         self._permitted, self._received = False, 0.0  # steady [s]
         self.ending = False  # the supervisor ends in order
@@ -134,6 +138,7 @@ class MotionPermit:
         self.ending = state.state == SupervisorState.SHUTDOWN
         if state.stop:
             self._on_stop(self._reason)
+        self._on_state()
 
 
 class DuplicateNodes:

@@ -96,7 +96,9 @@ class ExcitationNode(SupervisedNode):
             subscribe(self, Event, "events", self._on_event, EVENTS)
             self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
         supervised = self.settings.supervised and not lockstep
-        self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
+        self._permit = MotionPermit(
+            self, self._stop, self.settings.supervision_timeout, self._ramp_down_without_permit, supervised=supervised
+        )
         self.create_service(Trigger, "~/stop", self._on_stop)
 
     def _on_event(self, event: Event) -> None:
@@ -104,7 +106,7 @@ class ExcitationNode(SupervisedNode):
             self._gate.restart()
 
     def _configure(self) -> None:
-        identity = self._drive.connect(self._now())
+        identity = self._drive.connect()
         self._connected, self._fault = True, ""
         self.get_logger().info(f"connected to {identity}; output off")
 
@@ -113,7 +115,9 @@ class ExcitationNode(SupervisedNode):
             raise ExcitationError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
         if not self._permit.granted:
             raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
-        self._drive.enable(self._now())
+        if self._fault:
+            self._configure()  # the device was lost
+        self._drive.enable()
         self._gate.armed(self._now())
         self._active, self._fault = True, ""
 
@@ -122,7 +126,7 @@ class ExcitationNode(SupervisedNode):
         self._active, self._command = False, OFF
         self._supervision.stale.cancel()
         try:
-            self._drive.off(self._now())
+            self._drive.off()
         except OutputLostError as error:
             self._lost(error)
         self._publish(self._turn())
@@ -161,7 +165,7 @@ class ExcitationNode(SupervisedNode):
     def _follow(self, command: Command) -> None:
         if not self._active:
             return
-        self._drive.follow(command, self._now())
+        self._drive.follow(command)
         if repr(command) != repr(self._command):
             self._command = command
             self._hold.reset()
@@ -189,11 +193,14 @@ class ExcitationNode(SupervisedNode):
         amplitude, frequency = self._hold.factors
         self._drive.correct(amplitude, frequency, waits=self._hold.waits)
 
-    def _each_period(self) -> None:
+    def _ramp_down_without_permit(self) -> None:
         if self._active and not self._permit.granted and self._command is not OFF:
             severity = Event.INFO if self._permit.ending else Event.ALARM
             self._publish_event(severity, Event.SUPERVISION, nan, f"the excitation ramps down: {self._permit.reason}")
             self._ramp_down()
+
+    def _each_period(self) -> None:
+        self._ramp_down_without_permit()
         self._publish(self._turn())
 
     def _turn(self) -> Output:
@@ -205,7 +212,7 @@ class ExcitationNode(SupervisedNode):
         return self._output
 
     def _lost(self, error: OutputLostError) -> None:
-        """Latch a fault: a person has to configure the node anew."""
+        """Latch a fault: a person has to activate the node anew."""
         self._output = Output(ExciterMode.FAULT)
         if not self._fault:
             self._fault = str(error)
@@ -232,7 +239,7 @@ class ExcitationNode(SupervisedNode):
     def _ramp_down(self) -> None:
         if self._active and self._command is not OFF:
             self._command = OFF
-            self._drive.stop(self._now())
+            self._drive.stop()
 
     def _stop(self, reason: str) -> None:
         """Switch the output off, once; it stays off until the node is activated again."""
@@ -246,7 +253,7 @@ class ExcitationNode(SupervisedNode):
         self._stop("stopped by the operator")
         try:
             if self._connected:
-                self._drive.off(self._now())  # confirmed before, or once more
+                self._drive.off()  # confirmed before, or once more
         except OutputLostError as error:
             response.success, response.message = False, str(error)
         else:

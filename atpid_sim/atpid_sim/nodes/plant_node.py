@@ -69,7 +69,8 @@ class PlantNode(Node):
         with announced(COMPILING, self.get_logger().info):
             # a block that is not used: loading the kernels must not fall into the first block's time
             Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
-        self._plant, self._commanded = make_plant(scene), scene.excitation.is_commanded
+        self._plant: Any = make_plant(scene)
+        self._commanded = scene.excitation.is_commanded
         self.stream = Stream(scene, self._plant)
         self._drive: ExcitationState | None = None
         self._drive_received = 0.0  # steady [s]

@@ -255,7 +255,7 @@ Excitation = Annotated[
             "<shock>": ("shock",),
             "<harmonic>": ("amplitude", "frequency"),
         },
-        "one of {amplitude, frequency}, {commanded: true, amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}, "
-        "{tones: ...}, {random: ...}, {shock: ...}",
+        "one of {amplitude, frequency}, {commanded: true, amplitude, frequency}, {free: ...}, {sweep: ...}, "
+        "{series: ...}, {tones: ...}, {random: ...}, {shock: ...}",
     ),
 ]
