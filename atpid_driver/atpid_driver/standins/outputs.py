@@ -36,7 +36,7 @@ class Outputs:
 
     def recent(self, output: int, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times before now (n,) [s] and the voltages there (n,), one a millisecond."""
-        now, age = time.monotonic_ns(), np.arange(round(1e3 * seconds)) * 1e-3
+        now, age = time.monotonic_ns(), 1e-3 * np.arange(round(1e3 * seconds), dtype=np.float64)
         return -age, np.array([self.volts(output, now - round(1e9 * each)) for each in age])
 
     def volts(self, output: int, now_ns: int | None = None) -> float:
