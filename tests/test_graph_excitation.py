@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph with a commanded excitation: the plant follows the excitation node's states, and nothing else."""
 
+import os
+import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from atpid_interfaces.msg import ExcitationCommand, ExcitationState
-from graph_runs import in_lockstep, scene_file
+from graph_runs import in_lockstep, in_real_time, scene_file, without_domain
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import time_of
 from atpid_control.runs.read import Bag
+from atpid_control.runs.run import open_run
 
 F = 5.4
 
@@ -71,3 +75,31 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
     assert {ExcitationState.RAMPING, ExcitationState.RUNNING, ExcitationState.STOPPING} <= set(modes)
     found = [message for _, message in bag.messages("/excitation/command")]
     assert [message.kind for message in found][-1] == ExcitationCommand.OFF
+
+
+def test_an_operator_excites_until_ctrl_c(scenes: Path, tmp_path: Path) -> None:
+    path = commanded(scenes, tmp_path, duration=14.0, steady_window=[13.0, 14.0])
+    command = ["atpid", "excite", str(path), "--amplitude", "0.02", "--frequency", "5.0", "--hold"]
+    process: list[subprocess.Popen[str]] = []
+
+    def operator(reached: float) -> None:
+        if not process:
+            environment = without_domain() | {"ROS_DOMAIN_ID": os.environ["ROS_DOMAIN_ID"]}
+            process.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment))
+        elif reached > 10.0:
+            process[0].send_signal(signal.SIGINT)
+
+    bag = in_real_time(path, tmp_path / "run", operator)
+    printed, _ = process[0].communicate(timeout=60.0)
+    assert process[0].returncode == 0
+    assert "running: 0.02 at 5.0000 Hz" in printed
+    truth = [message for _, message in bag.messages("/plant/truth")]
+    amplitudes = [message.excitation_amplitude for message in truth]
+    assert max(amplitudes) == pytest.approx(0.02, rel=0.02)
+    assert amplitudes[-1] == 0.0
+    # what is read from the bag has the tone that was put out in place of the scene's
+    scene = open_run(bag.path).scene
+    assert scene is not None
+    assert not scene.excitation.is_commanded
+    assert scene.excitation.largest_amplitude == pytest.approx(0.02, rel=0.02)
+    assert scene.frequency_hz == pytest.approx(5.0, rel=0.01)
