@@ -168,5 +168,7 @@ class GuardedDrive:
             outlet.open()
             outlet.close()
         except DriverError as error:
-            return f"off not confirmed ({error}); the device's watchdog acts after {self._settings.watchdog} s"
+            own = self._settings.backend != "nidaqmx"
+            then = f"the T7's watchdog acts after {self._settings.watchdog} s" if own else "cut the amplifier's supply"
+            return f"off not confirmed ({error}); {then}"
         return "switched off"

@@ -13,18 +13,22 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import DriverError
-from atpid_driver.excitation.outlets import Outlet, T7Level, T7Stream, calibration_of
+from atpid_driver.calibration.model import Calibration
+from atpid_driver.excitation.outlets import NiStream, Outlet, T7Level, T7Stream, calibration_of
 from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.excitation.signals import Command, Generator
 
 #: Between two turns; silence of the partner, whose states come every 50 ms, after which the output ramps down [s].
 PERIOD, SILENCE = 0.01, 0.25
-OUTLETS: dict[str, type[T7Level] | type[T7Stream]] = {"labjack_dac": T7Level, "labjack_stream": T7Stream}
+OUTLETS: dict[str, Callable[[ExcitationSettings, Calibration], Outlet]] = {
+    "labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream,
+}  # fmt: skip
 
 
 class Process:

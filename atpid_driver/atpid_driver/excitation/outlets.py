@@ -5,6 +5,7 @@ Registers and calls of the T7 as in LabJack's own examples (labjack-ljm-python: 
 aperiodic_stream_out.py), not tried on a device: UNVERIFIED.
 """
 
+import importlib
 from math import nan
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.vocabulary import ExciterKind
-from atpid_driver.acquisition import labjack
+from atpid_driver.acquisition import labjack, nidaqmx
 from atpid_driver.acquisition.errors import AcquisitionError, SetupRefusedError
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import Calibration, CalibrationError, load
@@ -221,3 +222,65 @@ class T7Stream(_Streamed, _T7):
                 if error.code not in labjack.STOPPED_ALREADY:
                     raise
         super().rest()
+
+
+class NiStream(_Streamed):
+    """A shaker amplifier's input from an NI module such as the 9263; no watchdog of its own is used."""
+
+    def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
+        """Begin unopened."""
+        self._settings, self._calibration = settings, calibration
+        self._nidaqmx: Any = None
+        self._task: Any = None
+
+    def open(self) -> str:
+        """See Outlet."""
+        self._begin()
+        self._nidaqmx = nidaqmx.load_nidaqmx(self._settings.library)
+        self.rest()
+        return f"nidaqmx {self._settings.terminal}"
+
+    def put(self, generator: Generator, now: float) -> tuple[float, float, float]:
+        """See Outlet."""
+        with nidaqmx.named_errors(self._nidaqmx):
+            starts = self._task is None
+            if starts:
+                self._begin()
+                self._task, self._writer = self._made()
+                constants, rate = self._nidaqmx.constants, generator.rate
+                self._task.timing.cfg_samp_clk_timing(
+                    rate, sample_mode=constants.AcquisitionType.CONTINUOUS, samps_per_chan=round(rate)
+                )
+                self._task.out_stream.regen_mode = constants.RegenerationMode.DONT_ALLOW_REGENERATION
+            volts = self._next(generator, now, generator.rate)
+            if len(volts):
+                self._writer.write_many_sample(volts)
+            if starts:
+                self._task.start()
+        return generator.amplitude, generator.frequency if generator.amplitude else 0.0, self._peak
+
+    def rest(self) -> None:
+        """See Outlet: the stream ends, and one sample is written at once."""
+        with nidaqmx.named_errors(self._nidaqmx):
+            task, self._task = self._task, None
+            if task is not None:
+                task.close()
+            task, writer = self._made()
+            try:
+                writer.write_one_sample(self._rest)
+            finally:
+                task.close()
+
+    def close(self) -> None:
+        """See Outlet."""
+        if self._nidaqmx is not None:
+            self.rest()
+
+    def _made(self) -> tuple[Any, Any]:
+        """Return a task of the output, and its writer."""
+        writers: Any = importlib.import_module("nidaqmx.stream_writers")
+        task, (low, high) = self._nidaqmx.Task(), self._calibration.limits_volts
+        task.ao_channels.add_ao_voltage_chan(self._settings.terminal, min_val=low, max_val=high)
+        writer = writers.AnalogSingleChannelWriter(task.out_stream)
+        writer.verify_array_shape = False
+        return task, writer

@@ -46,6 +46,7 @@ def environment(
     ljm_output: Path | None = None,
     daqmx_source: str = "",
     daqmx_control: Path | None = None,
+    daqmx_output: Path | None = None,
 ) -> dict[str, str]:
     """Return the variables that make a process find the stand-ins instead of the vendors' libraries."""
     path = os.pathsep.join(part for part in (str(libraries), os.environ.get("LD_LIBRARY_PATH", "")) if part)
@@ -56,5 +57,6 @@ def environment(
         "ATPID_LJM_OUTPUT": str(ljm_output or ""),
         "ATPID_DAQMX_SOURCE": daqmx_source,
         "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
+        "ATPID_DAQMX_OUTPUT": str(daqmx_output or ""),
     }
     return {key: value for key, value in values.items() if value}

@@ -258,10 +258,7 @@ int LJM_WriteAperiodicStreamOut(int handle, int index, int count, const double *
     if (device == NULL) return NOT_OPEN;
     if (!present(device)) return RECONNECT_FAILED;
     if (device->output == NULL || index != 0) return INVALID_ADDRESS;
-    Output *output = device->output;
-    double *queue = (double *)((char *)output + 4096);
-    for (int i = 0; i < count; i++) queue[(output->written + (uint64_t)i) % STANDIN_QUEUE] = volts[i];
-    __atomic_store_n(&output->written, output->written + (uint64_t)count, __ATOMIC_RELEASE);
+    output_write(device->output, volts, count);
     *room = STANDIN_QUEUE - count;
     contact(device);
     return 0;
@@ -276,9 +273,9 @@ int LJM_eStreamStart(int handle, int scans_per_read, int channels, const int *ad
         return CONFIG_INVALID;
     }
     if (device->output != NULL && channels == 1 && addresses[0] == STREAM_OUT0) {
-        device->output->rate = *rate = 1e7 / round(1e7 / *rate);
-        device->output->start_ns = now_ns();
-        device->output->streams = (uint32_t)(device->streaming = 1);
+        *rate = 1e7 / round(1e7 / *rate);
+        output_start(device->output, *rate);
+        device->streaming = 1;
         contact(device);
         return 0;
     }

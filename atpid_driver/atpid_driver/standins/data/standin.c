@@ -79,6 +79,18 @@ Output *output_open(const char *variable) {
     return NULL;
 }
 
+void output_write(Output *output, const double *volts, int count) {
+    double *queue = (double *)((char *)output + DATA_OFFSET);
+    for (int i = 0; i < count; i++) queue[(output->written + (uint64_t)i) % STANDIN_QUEUE] = volts[i];
+    __atomic_store_n(&output->written, output->written + (uint64_t)count, __ATOMIC_RELEASE);
+}
+
+void output_start(Output *output, double rate) {
+    output->rate = rate;
+    output->start_ns = now_ns();
+    output->streams = 1;
+}
+
 static double option(const char *specification, const char *name, double fallback) {
     const char *at = strstr(specification, name);
     return at == NULL ? fallback : atof(at + strlen(name));

@@ -80,6 +80,8 @@ typedef struct {
 } Output;
 
 int64_t now_ns(void);
+void output_write(Output *output, const double *volts, int count); /* appends to the queue */
+void output_start(Output *output, double rate);
 Output *output_open(const char *variable); /* the file named by an environment variable; NULL: there is none */
 const Control *control_open(const char *variable); /* the file named by an environment variable, or a healthy device */
 int source_open(Source *source, const char *specification); /* 0, or -1 if a feed is not there */
