@@ -35,7 +35,7 @@ class ExcitationSettings:
         "the frequency changes no faster; a faster sweep is refused", "Hz/s", 1e-4, 1e4, default=1.0
     )
     stop_time: float = described("from any output to none, after a stop and without commands", "s", 0.01, 0.15,
-                                 default=0.06)  # fmt: skip
+                                 default=0.05)  # fmt: skip
     lockstep: bool = described("answer each estimate with one state instead of publishing on an own period",
                                default=False)  # fmt: skip
     autostart: bool = described("configure and activate without a lifecycle manager", default=True)
