@@ -35,7 +35,7 @@ WATCHED, LONGEST, ENDING = 0.7, 3.0, 60.0
 #: Samples wait for the end of their block, which is the limit of what a level's stop counts from [s].
 BLOCK = 0.05
 #: Lines of a page between which the table stands.
-_BEGIN, _END = "<!-- made by python -m studies stop-chain -->", "<!-- end -->"
+_BEGIN, _END = "<!-- made by python -m studies {} -->", "<!-- end -->"
 
 Act = Callable[[WatchedStand], Callable[[], Answer | None]]
 Undo = Callable[[WatchedStand], object]
@@ -71,12 +71,14 @@ class Row:
     seen: dict[bool, list[Seen]] = field(default_factory=lambda: {False: [], True: []})
 
 
-def _service(kind: Any, name: str, request: Any) -> Act:
+def service(kind: Any, name: str, request: Any) -> Act:
+    """Call a service."""
     return lambda stand: stand.call(kind, name, request)
 
 
-def _transition(node: str, number: int) -> Act:
-    return _service(ChangeState, f"{node}/change_state", ChangeState.Request(transition=Transition(id=number)))
+def transition(node: str, number: int) -> Act:
+    """Ask a node for a transition of its lifecycle."""
+    return service(ChangeState, f"{node}/change_state", ChangeState.Request(transition=Transition(id=number)))
 
 
 def _typed(key: str) -> Act:
@@ -145,15 +147,17 @@ def _unplug(stand: WatchedStand) -> Callable[[], Answer | None]:
 def _silent(stand: WatchedStand) -> Callable[[], Answer | None]:
     """Take the samples away, with which estimates and commands end: all processes live, and answer."""
     published = len(stand.watch.events)
-    _transition("labjack_node", Transition.TRANSITION_DEACTIVATE)(stand)
+    transition("labjack_node", Transition.TRANSITION_DEACTIVATE)(stand)
     return lambda: _reported(stand, published)
 
 
-def _killed(node: str, allowed: float = AT_ONCE) -> Way:
+def killed(node: str, allowed: float = AT_ONCE) -> Way:
+    """Return the way of a node that is killed, with which the run ends."""
     return Way(f"{node} killed", _sent(node, signal.SIGKILL, ends=True), allowed, ends=True)
 
 
-def _hung(node: str, *, stops: bool = True) -> Way:
+def hung(node: str, *, stops: bool = True) -> Way:
+    """Return the way of a node that hangs for a while."""
     return Way(f"{node} hung", _sent(node, signal.SIGSTOP), AFTER_SILENCE, _goes_on(node), stops=stops)
 
 
@@ -161,9 +165,9 @@ _TRIGGER = Trigger.Request()
 #: In the order in which they are tried: those after which the run goes on share a stand, to which Ctrl-C is the last.
 WAYS = (
     Way("live page: Stop", lambda stand: stand.page.ask(do="stop")),
-    Way("service `supervisor_node/stop`", _service(Trigger, "supervisor_node/stop", _TRIGGER)),
-    Way("service `motor_node/stop`", _service(Trigger, "motor_node/stop", _TRIGGER)),
-    Way("lifecycle `deactivate`", _transition("motor_node", Transition.TRANSITION_DEACTIVATE)),
+    Way("service `supervisor_node/stop`", service(Trigger, "supervisor_node/stop", _TRIGGER)),
+    Way("service `motor_node/stop`", service(Trigger, "motor_node/stop", _TRIGGER)),
+    Way("lifecycle `deactivate`", transition("motor_node", Transition.TRANSITION_DEACTIVATE)),
     Way("Enter at the terminal", _typed("\n")),
     Way("abort level passed, from the first sample on", _hot, undo=lambda stand: stand.watch.measure_temperature(COLD)),
     Way(
@@ -171,16 +175,16 @@ WAYS = (
         lambda stand: stand.page.ask(do="hold", on=True),
         undo=lambda stand: stand.page.ask(do="hold", on=False),
     ),
-    Way("silence of commands", _silent, AFTER_SILENCE, _transition("labjack_node", Transition.TRANSITION_ACTIVATE)),
+    Way("silence of commands", _silent, AFTER_SILENCE, transition("labjack_node", Transition.TRANSITION_ACTIVATE)),
     Way("cable pulled", _unplug, AFTER_SILENCE, lambda stand: stand.board.do("plug")),
-    *(_hung(f"{name}_node") for name in ("motor", "supervisor", "identifier", "selector", "recorder", "labjack")),
-    _hung("live_node", stops=False),
+    *(hung(f"{name}_node") for name in ("motor", "supervisor", "identifier", "selector", "recorder", "labjack")),
+    hung("live_node", stops=False),
     Way("live_node killed", _sent("live_node", signal.SIGKILL), stops=False),
     Way("Ctrl-C at the terminal", _typed("\x03"), ends=True),
     Way("SIGTERM of the stand's process", _sent("stand", signal.SIGTERM, ends=True), ends=True),
     Way("the stand's process killed", _sent("stand", signal.SIGKILL, ends=True), ends=True),
-    _killed("motor_node", AFTER_SILENCE),
-    *(_killed(f"{name}_node") for name in ("supervisor", "identifier", "selector", "recorder", "labjack")),
+    killed("motor_node", AFTER_SILENCE),
+    *(killed(f"{name}_node") for name in ("supervisor", "identifier", "selector", "recorder", "labjack")),
 )
 
 
@@ -254,12 +258,13 @@ def _worst(values: Sequence[float], unit: str) -> str:
     return "never" if any(map(math.isnan, values)) else f"{1e3 * max(values):.0f} {unit}"
 
 
-def into(page: Path, made: str) -> None:
-    """Put the table between its two lines of a page."""
-    before, _, rest = page.read_text(encoding="utf-8").partition(_BEGIN)
+def into(page: Path, made: str, study: str = "stop-chain") -> None:
+    """Put the table of a study between its two lines of a page."""
+    begin = _BEGIN.format(study)
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
     if _END not in rest:
-        raise InputError(f"--page {page}: has no lines {_BEGIN} and {_END}, between which the table goes")
-    page.write_text(f"{before}{_BEGIN}\n{made}\n{_END}{rest.partition(_END)[2]}", encoding="utf-8")
+        raise InputError(f"--page {page}: has no lines {begin} and {_END}, between which the table goes")
+    page.write_text(f"{before}{begin}\n{made}\n{_END}{rest.partition(_END)[2]}", encoding="utf-8")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

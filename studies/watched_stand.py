@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from atpid_interfaces.msg import CeilingState, Event, SampleBlock, SupervisorState
+from atpid_interfaces.msg import CeilingState, Event, ExcitationCommand, ExcitationState, SampleBlock, SupervisorState
 from lifecycle_msgs.srv import ChangeState
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
@@ -60,6 +60,8 @@ SCENE: dict[str, Any] = {
     "sensors": {"laser": {"rate": 1000.0, "noise": 20e-6}},
     "seed": 1,
 }
+#: Between two commands of an excitation [s].
+_COMMANDS = 0.2
 #: Of a temperature, which no device here measures: its abort level can be passed at any time [degC].
 COLD, HOT, ABORT = 20.0, 90.0, 60.0
 #: A stop comes after so much of a travel [m], with at least so much of it left: none ends by itself meanwhile.
@@ -173,16 +175,30 @@ class Watch(Node):
     def __init__(self) -> None:
         """Subscribe."""
         super().__init__("study_watch")
-        self.ceiling, self.supervisor = CeilingState(), SupervisorState()
+        self.ceiling, self.supervisor, self.exciter = CeilingState(), SupervisorState(), ExcitationState()
         self.events: list[Event] = []
         self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
         self.create_subscription(SupervisorState, "supervisor/state", self._on_supervisor, STATES)
         self.create_subscription(Event, "events", self.events.append, EVENTS_KEPT)
+        self.create_subscription(ExcitationState, "excitation/state", self._on_exciter, STATES)
+        self._commands = self.create_publisher(ExcitationCommand, "excitation/command", 10)
+        self.tone: tuple[float, float] | None = None  # that is commanded [m], [Hz]
+        self.create_timer(_COMMANDS, self._excite)
         self._blocks = self.create_publisher(SampleBlock, "sensors/accelerometer", BLOCKS)
         self._asked: dict[str, Client] = {}
 
     def _on_ceiling(self, state: CeilingState) -> None:
         self.ceiling = state
+
+    def _on_exciter(self, state: ExcitationState) -> None:
+        self.exciter = state
+
+    def _excite(self) -> None:
+        if self.tone is None:
+            return
+        command = ExcitationCommand(kind=ExcitationCommand.SINE, amplitude=self.tone[0], frequency=self.tone[1])
+        command.header.stamp = self.get_clock().now().to_msg()
+        self._commands.publish(command)
 
     def _on_supervisor(self, state: SupervisorState) -> None:
         self.supervisor = state
@@ -206,7 +222,7 @@ class WatchedStand:
     def __init__(self, folder: Path, place: Path, board: EmulatedBoard) -> None:
         """Use `watched_stand`."""
         self.board = board
-        self.port = _free_port()
+        self.place, self.port = place, _free_port()
         self.terminal = Terminal(sys.executable, "-m", "studies.watched_stand", folder, place, self.port)
         self._page: Page | None = None
         self._begun = self._met = False
@@ -275,9 +291,9 @@ class WatchedStand:
             mode, now = self.watch.ceiling.mode, self.board.state()
             off = mode == CeilingState.FAULT or (self._begun and mode in _OFF)
             if off and time.monotonic() - armed > _PATIENCE:
-                self._arm()
+                self.arm()
                 armed = time.monotonic()
-            if not now.motor or mode != CeilingState.MOVING or not self._goes_on():
+            if not now.motor or mode != CeilingState.MOVING or not self.ready:
                 begin = None
             elif begin is None or begin[0] != now.switched:
                 begin = now.switched, now.height_um
@@ -287,19 +303,24 @@ class WatchedStand:
 
         self.until(in_the_middle, _START, "the ceiling moves")
         if not self._met:
-            self._meet()
+            self.meet()
             return self.move()
-        self._processes |= self._children()
+        self.remember()
         return self.board.state()
 
-    def _meet(self) -> None:
+    def remember(self) -> None:
+        """Remember the processes that there are, whose end is waited for."""
+        self._processes |= self._children()
+
+    def meet(self) -> None:
         """Open the page and find the services: neither is a part of a stop."""
         self._met = True
         self._page = Page(self.port)
         for name, kind in SERVICES.items():
             self.until(self.watch.client(kind, name).service_is_ready, _START, f"service {name}")
 
-    def _goes_on(self) -> bool:
+    @property
+    def ready(self) -> bool:
         """Whether the loop has begun, and all nodes answer."""
         self._begun = self._begun or any(event.text == "loop check passed" for event in self.watch.events)
         return self._begun and self.watch.supervisor.state in (SupervisorState.READY, SupervisorState.SAFE)
@@ -308,7 +329,7 @@ class WatchedStand:
         """Return how far the ceiling is from where it is to go [m]."""
         return abs(now.height_um * 1e-6 - float(self.watch.ceiling.target))
 
-    def _arm(self) -> None:
+    def arm(self) -> None:
         """Arm as a person does; a busy machine may refuse, or withdraw it."""
         answer = self.call(Trigger, "supervisor_node/rearm", Trigger.Request())
         self.until(lambda: answer() is not None, 10.0, "an answer to supervisor_node/rearm")
@@ -327,15 +348,20 @@ class WatchedStand:
 
 
 @contextmanager
-def watched_stand(late: float = 0.0) -> Iterator[WatchedStand]:
-    """Start a stand in a domain of its own, whose board's answers are `late` [s]; it ends with the context."""
+def watched_stand(late: float = 0.0, *, commanded: bool = False) -> Iterator[WatchedStand]:
+    """Start a stand in a domain of its own, whose board's answers are `late` [s]; it ends with the context.
+
+    commanded: its excitation is, by `Watch.tone`.
+    """
     with ExitStack() as stack:
         folder = Path(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="atpid-study-", ignore_cleanup_errors=True))
         )
         place = folder / "place"
         place.mkdir()
-        (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE | {"excitation": excitation()}), encoding="utf-8")
+        (folder / "scene.yaml").write_text(
+            yaml.safe_dump(SCENE | {"excitation": excitation(commanded=commanded)}), encoding="utf-8"
+        )
         faults = ("--fault", f"serial_link delayed 0 {DURATION:g} {late:g}") if late else ()
         command = emulator_command(load_scene(folder / "scene.yaml"), place, "--height", "0.3", *faults)
         stack.enter_context(own_domain())
@@ -347,8 +373,10 @@ def watched_stand(late: float = 0.0) -> Iterator[WatchedStand]:
         yield stand
 
 
-def excitation() -> dict[str, Any]:
-    """Return an excitation at resonance whose amplitude changes again and again."""
+def excitation(*, commanded: bool = False) -> dict[str, Any]:
+    """Return an excitation at resonance whose amplitude changes again and again, or one that is commanded."""
+    if commanded:
+        return {"commanded": True, "amplitude": AMPLITUDES[1], "frequency": "resonance"}
     amplitude = [[0.0, AMPLITUDES[0]]]
     for turn in range(1, int(DURATION / EVERY)):
         before, after = AMPLITUDES[(turn - 1) % 2], AMPLITUDES[turn % 2]

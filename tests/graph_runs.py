@@ -15,7 +15,7 @@ from atpid_control.runs.read import Bag, open_bag
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.parameters import write_parameters
-from atpid_control.stand.parts import parameters_for
+from atpid_control.stand.parts import parameters_for, parts_of
 from atpid_control.stand.running import commands_of, run_lockstep, run_realtime
 from atpid_sim.scene import Scene, load_scene
 
@@ -42,12 +42,13 @@ def in_lockstep(path: Path, out: Path, progress: Callable[[float], None] = lambd
     return open_bag(out / "bag")
 
 
-def in_real_time(path: Path, out: Path) -> Bag:
+def in_real_time(path: Path, out: Path, progress: Callable[[float], None] = lambda _: None) -> Bag:
     """Run the graph as processes; return its bag."""
     scene, started = parameters(path, out, lockstep=False)
     write_parameters(started, out / "parameters.yaml")
     with own_domain():
-        run_realtime(commands_of(out / "parameters.yaml"), out, lambda _: None, faults=scene.injected)
+        commands = commands_of(out / "parameters.yaml", parts_of(scene, lockstep=False))
+        run_realtime(commands, out, progress, faults=scene.injected)
     return open_bag(out / "bag")
 
 

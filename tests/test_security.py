@@ -40,7 +40,12 @@ SIMULATED = {
     "motor_node": Rights(subscribe={"/plant/truth"}),
     "supervisor_node": Rights(request={"/plant_node/get_parameters"}),
 }
-ON_THE_STAND = {"supervisor_node": Rights(request={"/labjack_node/get_state", "/ni_node/get_state"})}
+ON_THE_STAND = {
+    "supervisor_node": Rights(
+        request={"/labjack_node/get_state", "/ni_node/get_state"}
+        | {f"/excitation_node/{service}" for service in ("change_state", "get_state", "stop")}
+    )
+}
 #: sros2's form of a policy (policy.xsd): attributes and elements of each element.
 FORM = {
     "policy": ({"version"}, {"enclaves"}),

@@ -180,7 +180,7 @@ def test_gaps_are_counted_by_index() -> None:
 
 def test_what_is_paced_by_the_clock_stays_out_of_a_lockstep_bag() -> None:
     left_out = {topic.name for topic in parse(DEFAULT, lockstep=False)} - {topic.name for topic in parse(DEFAULT, True)}
-    transitions = {f"{node}/transition_event" for node in ("motor_node", "labjack_node", "ni_node")}
+    transitions = {f"{node}/transition_event" for node in ("motor_node", "excitation_node", "labjack_node", "ni_node")}
     assert left_out == {"/diagnostics", "/rosout", "supervisor/state"} | transitions
 
 

@@ -17,7 +17,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, Part, devices_of, usual_parameters
+from atpid_control.stand.parts import EXCITATION, NAMES, NODES, SUPERVISOR, Part, devices_of, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -46,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
     scene.refuse_faults("the stand")
     if args.bag is not None:
         check_new(args.bag)
-    # in the order of stopping: the motor first, the recorder last
-    motor, *sources = devices_of(args)
-    parts = [motor, SUPERVISOR, *sources, *_LOOP, *live_page.parts(args)]
+    # in the order of stopping: what moves first, the recorder last
+    devices, moving = devices_of(args), 2 if args.excitation_config else 1
+    parts = [*devices[:moving], SUPERVISOR, *devices[moving:], *_LOOP, *live_page.parts(args)]
     ros = RosOptions.of(args)
     with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
         file = Path(folder) / "parameters.yaml"
@@ -72,6 +72,7 @@ def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file:
     kept = [str(path) for path in (file, height_map) if path]
     own: Parameters = {
         "motor_node": {"supervised": True} | ({"check_move": args.move} if args.move else {}),
+        EXCITATION.name: {"supervised": True} if args.excitation_config else {},
         "supervisor_node": named | {"nodes": supervised, "restart_time": RESTART_TIME if args.restarts else 0.0},
         "selector_node": named | {"map": str(height_map or "")},
         "recorder_node": named | {"bag": str(args.bag.absolute()) if args.bag else "", "files": kept},

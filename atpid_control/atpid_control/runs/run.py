@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from atpid_common.files import parse_yaml
 from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
+from atpid_control.runs.commanded import as_put_out
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.csv_table import read_table
 from atpid_control.runs.errors import BagError
@@ -358,8 +359,13 @@ def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.
     if not tables:
         raise source.empty()
     scene, problem = _scene(source)
-    return Run(path, source.start_ns, source.run, source.result, source.files, tables, source.unread, source.missing,
-               scene, problem)  # fmt: skip
+    run = Run(path, source.start_ns, source.run, source.result, source.files, tables, source.unread, source.missing,
+              scene, problem)  # fmt: skip
+    return (
+        run
+        if scene is None or not scene.excitation.is_commanded
+        else replace(run, scene=as_put_out(scene, run.messages))
+    )
 
 
 def _arrays(source: Source, begin: float, until: float) -> dict[str, tuple[Table, dict[str, Any]]]:

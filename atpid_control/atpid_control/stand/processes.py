@@ -26,6 +26,8 @@ RESTARTABLE = ("identifier_node", "selector_node")
 RESTART_TIME = 60.0
 #: Nodes that a run does not need: where one ends, the run goes on.
 OPTIONAL = ("live_node",)
+#: What moves something: ended first.
+MOVING = ("motor_node", "excitation_node")
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
@@ -118,11 +120,13 @@ class Processes:
 
     @contextmanager
     def motor_first(self) -> Iterator[None]:
-        """Interrupt the first process, the motor's, as soon as this is left: before anything else is ended."""
+        """Interrupt those of motor and exciter as soon as this is left: before anything else is ended."""
         try:
             yield
         finally:
-            self.nodes[0].process.send_signal(signal.SIGINT)  # `stop` does so again, which changes nothing
+            for node in self.nodes:
+                if node.name in MOVING:
+                    node.process.send_signal(signal.SIGINT)  # `stop` does so again, which changes nothing
 
     def check(self, except_for: str) -> list[str]:
         """Look whether all nodes but `except_for` run; return a line for each started again, or not needed.

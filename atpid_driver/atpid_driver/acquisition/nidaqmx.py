@@ -7,7 +7,7 @@ sensitivity belongs to its calibration file, in one place (docs/decisions/0019-a
 
 import importlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,25 @@ def load_nidaqmx(path: str = "") -> Any:
         loader: Any = importlib.import_module("nidaqmx._lib")
         loader.find_library = lambda _name: path
     return package
+
+
+@contextmanager
+def named_errors(nidaqmx: Any, where: str = "") -> Iterator[None]:
+    """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do; where: the gRPC server asked."""
+    theirs = nidaqmx.errors
+    try:
+        yield
+    except theirs.DaqNotFoundError:
+        raise errors.LibraryMissingError(MISSING_RUNTIME) from None
+    except theirs.RpcError as error:
+        raise errors.DeviceMissingError(
+            f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
+        ) from None
+    except theirs.DaqError as error:
+        code = int(error.error_code)
+        text = str(error).splitlines()[0]
+        kind, hint = HINTS.get(code, (errors.StreamLostError, text))
+        raise kind(f"{hint} (NI-DAQmx {code})", code) from None
 
 
 class NiAcquisition(Device):
@@ -141,21 +160,5 @@ class NiAcquisition(Device):
             **limits,
         )
 
-    @contextmanager
-    def _named_errors(self) -> Iterator[None]:
-        """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do."""
-        theirs = self._nidaqmx.errors
-        try:
-            yield
-        except theirs.DaqNotFoundError:
-            raise errors.LibraryMissingError(MISSING_RUNTIME) from None
-        except theirs.RpcError as error:
-            where = self._settings.grpc
-            raise errors.DeviceMissingError(
-                f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
-            ) from None
-        except theirs.DaqError as error:
-            code = int(error.error_code)
-            text = str(error).splitlines()[0]
-            kind, hint = HINTS.get(code, (errors.StreamLostError, text))
-            raise kind(f"{hint} (NI-DAQmx {code})", code) from None
+    def _named_errors(self) -> AbstractContextManager[None]:
+        return named_errors(self._nidaqmx, self._settings.grpc)

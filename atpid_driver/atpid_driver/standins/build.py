@@ -43,8 +43,10 @@ def environment(
     *,
     ljm_source: str = "",
     ljm_control: Path | None = None,
+    ljm_output: Path | None = None,
     daqmx_source: str = "",
     daqmx_control: Path | None = None,
+    daqmx_output: Path | None = None,
 ) -> dict[str, str]:
     """Return the variables that make a process find the stand-ins instead of the vendors' libraries."""
     path = os.pathsep.join(part for part in (str(libraries), os.environ.get("LD_LIBRARY_PATH", "")) if part)
@@ -52,7 +54,9 @@ def environment(
         "LD_LIBRARY_PATH": path,
         "ATPID_LJM_SOURCE": ljm_source,
         "ATPID_LJM_CONTROL": str(ljm_control or ""),
+        "ATPID_LJM_OUTPUT": str(ljm_output or ""),
         "ATPID_DAQMX_SOURCE": daqmx_source,
         "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
+        "ATPID_DAQMX_OUTPUT": str(daqmx_output or ""),
     }
     return {key: value for key, value in values.items() if value}

@@ -37,6 +37,8 @@ def add_devices(parser: argparse.ArgumentParser) -> None:
     for name, file in (("labjack", "labjack.yaml"), ("ni", "ni.yaml"), ("motor", "motor_serial.yaml")):
         text = f"parameter file of {name}_node; not given: {file} of the package"
         parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
+    exciter = "drive the exciter, by this parameter file of excitation_node (docs/excitation_output.md)"
+    parser.add_argument("--excitation-config", type=file_path, metavar="FILE", help=exciter)
 
 
 def add_bench(parser: argparse.ArgumentParser) -> None:

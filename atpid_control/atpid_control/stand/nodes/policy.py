@@ -19,12 +19,13 @@ from atpid_common.output import writing
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes.composition import node_class
-from atpid_control.stand.parts import LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
+from atpid_control.stand.parts import EXCITATION, LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
 from atpid_control.stand.security import OPERATOR, Rights, operator_rights, policy
 from atpid_sim.scene import load_scene
 
 STAND = (
     SERIAL_MOTOR,
+    EXCITATION,
     SUPERVISOR,
     LABJACK,
     NI,
@@ -49,6 +50,7 @@ def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
     given: Mapping[str, Mapping[str, Any]] = {
         "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
         "motor_node": {"supervised": True},
+        "excitation_node": {"supervised": True},
         "supervisor_node": {"nodes": [part.name for part in STAND if part not in (SUPERVISOR, LIVE)]},
         "live_node": {"scene": str(scene), "port": 0},
         "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * A stand-in for NI's libnidaqmx.so with one NI-9230 behind it, so that the real nidaqmx package runs without a
- * device. It has the calls of a continuous analogue input task. Environment: ATPID_DAQMX_SOURCE
+ * device. It has the calls of continuous analogue input and output tasks, its outputs as of an NI-9263. Environment: ATPID_DAQMX_SOURCE
  * (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_DAQMX_CONTROL (see control.py) and
  * ATPID_DAQMX_DEVICE (name, default cDAQ1Mod1).
  */
@@ -35,6 +35,7 @@ typedef struct {
     unsigned long long buffer;
     double rate;
     Stream stream;
+    Output *output; /* of an output task, else NULL */
 } Task;
 
 static Task tasks[TASKS];
@@ -119,6 +120,7 @@ int DAQmxClearTask(void *handle) {
     Task *task = task_of(handle);
     if (task == NULL) return refuse(INVALID_TASK);
     source_close(&task->stream.source);
+    if (task->output != NULL && task->running) task->output->streams = 0;
     task->used = task->running = 0;
     return 0;
 }
@@ -160,10 +162,58 @@ int DAQmxCreateAIAccelChan(void *handle, const char *physical, const char *name,
     return add_channels(task, physical, units == UNITS_METERS_PER_SECOND_SQUARED ? g * STANDARD_GRAVITY : g, most);
 }
 
+int DAQmxCreateAOVoltageChan(void *handle, const char *physical, const char *name, double least, double most,
+                             int units, const char *scale) {
+    (void)name, (void)least, (void)units, (void)scale;
+    Task *task = task_of(handle);
+    size_t length = strlen(device_name());
+    if (task == NULL) return refuse(INVALID_TASK);
+    if (strncmp(physical, device_name(), length) != 0) return refuse(NO_DEVICE);
+    if (!task->stream.control->plugged) return refuse(UNREACHABLE);
+    if (strcmp(physical + length, "/ao0") != 0 && strcmp(physical + length, "/ao1") != 0) return refuse(NO_CHANNEL);
+    task->output = output_open("ATPID_DAQMX_OUTPUT");
+    if (task->output == NULL) return refuse(UNREACHABLE);
+    task->output->target = physical[length + 3] == '1';
+    task->most[0] = most;
+    task->stream.channels = 1;
+    return 0;
+}
+
+int DAQmxSetWriteAttribute(void *handle, int attribute, int value) {
+    (void)attribute, (void)value;
+    return task_of(handle) == NULL ? refuse(INVALID_TASK) : 0;
+}
+
+int DAQmxWriteAnalogF64(void *handle, int samples, unsigned start, double timeout, int fill, const double *volts,
+                        int *written, void *reserved) {
+    (void)start, (void)timeout, (void)fill, (void)reserved;
+    Task *task = task_of(handle);
+    if (task == NULL || task->output == NULL) return refuse(INVALID_TASK);
+    if (!task->stream.control->plugged) return refuse(UNREACHABLE);
+    output_write(task->output, volts, samples);
+    *written = samples;
+    return 0;
+}
+
+int DAQmxWriteAnalogScalarF64(void *handle, unsigned start, double timeout, double volts, void *reserved) {
+    (void)start, (void)timeout, (void)reserved;
+    Task *task = task_of(handle);
+    if (task == NULL || task->output == NULL) return refuse(INVALID_TASK);
+    if (!task->stream.control->plugged) return refuse(UNREACHABLE);
+    task->output->streams = 0; /* also that of a process that was killed */
+    task->output->volts[task->output->target] = volts;
+    return 0;
+}
+
 int DAQmxCfgSampClkTiming(void *handle, const char *source, double rate, int edge, int mode, unsigned long long samples) {
     (void)source, (void)edge, (void)mode;
     Task *task = task_of(handle);
     if (task == NULL) return refuse(INVALID_TASK);
+    if (task->output != NULL) {
+        task->rate = rate;
+        task->output->written = 0;
+        return 0;
+    }
     if (!(rate > 0.0) || rate > MOST_RATE * (1.0 + 1e-9)) return refuse(BAD_RATE);
     task->rate = MOST_RATE / floor(MOST_RATE / rate * (1.0 + 1e-12)); /* 12.8 kS/s / n, coerced up */
     unsigned long long least = task->rate <= 100.0 ? 1000 : task->rate <= 10000.0 ? 10000 : 100000;
@@ -208,6 +258,11 @@ int DAQmxStartTask(void *handle) {
     if (task == NULL) return refuse(INVALID_TASK);
     Stream *stream = &task->stream;
     if (!stream->control->plugged) return refuse(UNREACHABLE);
+    if (task->output != NULL) {
+        output_start(task->output, task->rate);
+        task->running = 1;
+        return 0;
+    }
     source_close(&stream->source);
     if (source_open(&stream->source, getenv("ATPID_DAQMX_SOURCE")) != 0) return refuse(UNREACHABLE);
     stream->rate = task->rate;

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid excite SCENE`: command the exciter of nodes that run already, until Ctrl-C."""
+
+import argparse
+import math
+import time
+
+from atpid_interfaces.msg import ExcitationCommand, ExcitationState
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from atpid_common.arguments import file_path, graph_name, positive
+from atpid_common.errors import DONE, InputError
+from atpid_common.interrupt import Interrupt
+from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.messages import STATES
+from atpid_common.nodes.node_main import TURN, command_node
+from atpid_common.vocabulary import ExciterMode
+from atpid_sim.scene import Scene, load_scene
+
+#: Between two commands; how long the excitation node may take to be found [s].
+EVERY, FOUND = 0.25, 10.0
+#: How long the last command may take to be received [s].
+_DELIVERY = 1.0
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --amplitude 0.01 --frequency 5.4 --hold"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("scene", type=file_path, metavar="SCENE.yaml", help="scene file, for what is not given")
+    add("--amplitude", type=positive("m"), metavar="A", help="of the support [m] or a force [N]; default: the scene's")
+    add("--frequency", type=positive("Hz"), metavar="HZ", help="default: the scene's")
+    add("--sweep", type=positive("Hz"), metavar="HZ", help="go to this frequency within --duration, and stay there")
+    add("--duration", type=positive("s"), default=120.0, metavar="S", help="of a sweep; default: %(default)g s")
+    add("--hold", action="store_true", help="hold amplitude and frequency on the identified excitation")
+    add("--namespace", type=graph_name, metavar="NAME", help="of the nodes; default: none")
+
+
+class Exciter(Node):
+    """Publishes the command again and again, and prints what becomes of it."""
+
+    def __init__(self, command: ExcitationCommand, namespace: str) -> None:
+        """Begin."""
+        super().__init__("excite", namespace=namespace)
+        self._command, self._mode = command, -1
+        self._commands = self.create_publisher(ExcitationCommand, "excitation/command", 10)
+        subscribe(self, ExcitationState, "excitation/state", self._on_state, STATES)
+        self.create_timer(EVERY, self.send)
+        self.found = False
+
+    def send(self) -> None:
+        """Publish the command now."""
+        self._command.header.stamp = self.get_clock().now().to_msg()
+        self._commands.publish(self._command)
+
+    def end(self) -> None:
+        """Command no output, and wait until it has been received."""
+        self._command = ExcitationCommand(sequence=self._command.sequence + 1)
+        self.send()
+        self._commands.wait_for_all_acked(Duration(seconds=_DELIVERY))
+
+    def _on_state(self, state: ExcitationState) -> None:
+        self.found = True
+        if state.mode != self._mode:
+            self._mode = state.mode
+            text = f"{ExciterMode(state.mode).name.lower()}: {state.amplitude:.4g} at {state.frequency:.4f} Hz"
+            print(f"{text}{f'; {state.fault}' if state.fault else ''}", flush=True)
+
+
+def command_of(args: argparse.Namespace, scene: Scene) -> ExcitationCommand:
+    """Return the command of the arguments. Raises InputError where the scene has no amplitude to use."""
+    amplitude = args.amplitude or scene.excitation.largest_amplitude
+    if not 0.0 < amplitude < math.inf:
+        raise InputError("--amplitude: given none, and the scene has none; give one")
+    return ExcitationCommand(
+        kind=ExcitationCommand.SWEEP if args.sweep else ExcitationCommand.SINE, hold=args.hold, amplitude=amplitude,
+        frequency=args.frequency or scene.frequency_hz, end_frequency=args.sweep or math.nan,
+        duration=args.duration if args.sweep else math.nan, sequence=int(time.time()) % 2**31,
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Command until Ctrl-C; return 0. Raises InputError where no excitation node is found."""
+    command, begin = command_of(args, load_scene(args.scene)), time.monotonic()
+    with Interrupt() as interrupt, command_node(lambda: Exciter(command, args.namespace or "")) as (node, executor):
+        interrupt.defer()
+        while not interrupt.received and (node.found or time.monotonic() - begin < FOUND):
+            executor.spin_once(timeout_sec=TURN)
+        node.end()
+        if node.found or interrupt.received:
+            return DONE
+    raise InputError(f"no excitation_node within {FOUND:g} s; is it running, in this ROS_DOMAIN_ID?")
