@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judges a point while it is measured: settled by the identifier's estimates and the beam's amplitude, not by a clock."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from atpid_common.vocabulary import EventKind, Quality, Severity
+from atpid_control.campaign.plan import Rules
+from atpid_control.identification import Estimate
+
+#: Periods in one look: the looks of a window share no samples.
+_LOOK = 2.0
+#: A ceiling this close to the height commanded has arrived [m]; one that a method moves stands at this [m].
+ARRIVED, _STANDS = 5e-3, 2e-3
+#: Standard errors within which a slope is none.
+_SIGMAS = 2.0
+#: Events that spoil a point whatever the estimates are: samples or the ceiling cannot be relied on.
+SPOILING = frozenset({
+    EventKind.FAULT, EventKind.LINK, EventKind.STALE, EventKind.ABORT, EventKind.STOPPED, EventKind.DROPPED,
+    EventKind.BEHIND, EventKind.FAILED, EventKind.TWO_TONES,
+})  # fmt: skip
+
+
+@dataclass
+class Judge:
+    """Takes each answered block; `begin` and `end` are those of the measurement once it is over, `bad` why there is none.
+
+    amplitude, frequency, height: of the point [m or N, Hz, m]; height None: a method selects it.
+    """
+
+    rules: Rules
+    amplitude: float
+    frequency: float
+    height: float | None
+    begin: float = math.nan  # [s]
+    end: float = math.nan  # [s]
+    bad: str = ""
+    settled_after: float = math.nan  # [s]
+    missing: str = "no estimate"  # what is not as it has to be
+    heights: list[float] = field(default_factory=list)  # while measured [m]
+    estimates: list[Estimate] = field(default_factory=list)  # while measured
+    events: list[str] = field(default_factory=list)  # warnings and alarms of the point
+    _first: float = math.nan
+    _looks: deque[tuple[float, float, float]] = field(default_factory=deque)  # time [s], beam [m], height [m]
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing more is needed."""
+        return bool(self.bad) or not math.isnan(self.end)
+
+    @property
+    def measuring(self) -> bool:
+        """Whether the point has settled and is being measured."""
+        return not math.isnan(self.begin) and not self.over
+
+    def on_event(self, severity: int, kind: str, text: str) -> None:
+        """Take an event of the graph."""
+        if severity > Severity.INFO and not self.over:
+            self.events.append(f"{kind}: {text}")
+            if kind in SPOILING:
+                self.bad = f"{kind}: {text}"
+
+    def push(self, estimate: Estimate, height: float, moving: bool, recording: bool = True) -> None:
+        """Take an estimate and where the ceiling is [m] then."""
+        if self.over:
+            return
+        now = estimate.time
+        self._first = now if math.isnan(self._first) else self._first
+        wrong = self._wrong(estimate, height, moving) or ("" if recording else "the recorder has not begun")
+        if self.measuring:
+            self._measure(estimate, height, wrong)
+            return
+        self.missing = wrong or self._unsettled(now, estimate.beam_amplitude, height)
+        if wrong:
+            self._looks.clear()
+        if not self.missing:
+            self.begin, self.settled_after = now, now - self._first
+        elif now - self._first > self.rules.settle_limit:
+            self.bad = f"not settled within {self.rules.settle_limit:g} s: {self.missing}"
+
+    def _measure(self, estimate: Estimate, height: float, wrong: str) -> None:
+        if wrong:
+            self.bad = f"while measured: {wrong}"
+            return
+        self.estimates.append(estimate)
+        self.heights.append(height)
+        if estimate.time - self.begin >= self.rules.measure_periods / self.frequency:
+            self.end = estimate.time
+
+    def _wrong(self, estimate: Estimate, height: float, moving: bool) -> str:
+        """Return what is not as the point asks for; empty: all is."""
+        if estimate.quality != Quality.STEADY:
+            return f"the excitation is {Quality(estimate.quality).name.lower()}"
+        if estimate.lost:
+            return f"{estimate.lost} samples lost or saturated"
+        for name, unit, value, std, wanted, share in (
+            ("amplitude", "", estimate.amplitude, estimate.amplitude_std, self.amplitude, self.rules.amplitude),
+            ("frequency", " Hz", estimate.frequency, estimate.frequency_std, self.frequency, self.rules.frequency),
+        ):
+            if abs(value - wanted) > share * wanted + _SIGMAS * std:
+                return f"{name} {value:.5g}{unit}, wanted {wanted:.5g}{unit}"
+        if not math.isfinite(height) or moving:
+            return "the ceiling moves" if moving else "the ceiling's height is not known"
+        if self.height is not None and abs(height - self.height) > ARRIVED:
+            return f"the ceiling is at {height:.4f} m, wanted {self.height:.4f} m"
+        return ""
+
+    def _unsettled(self, now: float, beam: float, height: float) -> str:
+        """Take a look at the beam; return why it has not settled yet, empty: it has."""
+        looks = self._looks
+        if not math.isfinite(beam):
+            return "the beam is not measured"
+        if looks and now - looks[-1][0] < _LOOK / self.frequency:
+            return "settling"  # a new look decides
+        looks.append((now, beam, height))
+        if len(looks) * _LOOK < self.rules.settle_periods:
+            return "settling"
+        while len(looks) * _LOOK > self.rules.settle_periods + _LOOK:
+            looks.popleft()
+        times, beams, heights = np.array(looks).T
+        if np.ptp(heights) > _STANDS:
+            return "the ceiling does not stand"
+        slope, error = trend(times, beams)
+        change, mean = abs(slope) * np.ptp(times), beams.mean()
+        if change <= self.rules.drift * mean or abs(slope) <= _SIGMAS * error:
+            return ""
+        return f"the beam's amplitude changes by {100.0 * change / mean:.1f} %"
+
+
+def trend(times: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Return the slope of values (n,) over times (n,) [s], and its standard error; n above 2."""
+    away = times - times.mean()
+    slope = float(away @ values / (away @ away))
+    left = values - values.mean() - slope * away
+    return slope, float(np.sqrt(left @ left / (len(values) - 2) / (away @ away)))
