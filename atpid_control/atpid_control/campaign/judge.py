@@ -10,13 +10,16 @@ import numpy as np
 from atpid_common.vocabulary import EventKind, Quality, Severity
 from atpid_control.campaign.plan import Rules
 from atpid_control.identification import Estimate
+from atpid_sim.system import Array
 
 #: Periods in one look: the looks of a window share no samples.
 _LOOK = 2.0
 #: A ceiling this close to the height commanded has arrived [m]; one that a method moves stands at this [m].
 ARRIVED, _STANDS = 5e-3, 2e-3
-#: Standard errors within which a slope is none.
+#: Standard deviations of an estimate that are no deviation.
 _SIGMAS = 2.0
+#: Ratio of von Neumann from which readings are independent, and the least scatter of a second half over the first's.
+_RANDOM, _LASTING = 1.2, 0.6
 #: Events that spoil a point whatever the estimates are: samples or the ceiling cannot be relied on.
 SPOILING = frozenset({
     EventKind.FAULT, EventKind.LINK, EventKind.STALE, EventKind.ABORT, EventKind.STOPPED, EventKind.DROPPED,
@@ -123,16 +126,18 @@ class Judge:
         times, beams, heights = np.array(looks).T
         if np.ptp(heights) > _STANDS:
             return "the ceiling does not stand"
-        slope, error = trend(times, beams)
-        change, mean = abs(slope) * np.ptp(times), beams.mean()
-        if change <= self.rules.drift * mean or abs(slope) <= _SIGMAS * error:
+        spread = np.ptp(beams) / beams.mean()
+        if spread <= self.rules.drift or is_random(beams):
             return ""
-        return f"the beam's amplitude changes by {100.0 * change / mean:.1f} %"
+        return f"the beam's amplitude changes by {100.0 * spread:.1f} %"
 
 
-def trend(times: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Return the slope of values (n,) over times (n,) [s], and its standard error; n above 2."""
-    away = times - times.mean()
-    slope = float(away @ values / (away @ away))
-    left = values - values.mean() - slope * away
-    return slope, float(np.sqrt(left @ left / (len(values) - 2) / (away @ away)))
+def is_random(readings: Array) -> bool:
+    """Return whether readings (n,) scatter as an irregular motion does: a beat or a trend goes on from one to the next.
+
+    By the ratio of von Neumann, 2 of independent readings and near 0 of a smooth curve, and by what the second half
+    scatters beside the first: a beat dies out.
+    """
+    away, half = readings - readings.mean(), len(readings) // 2
+    independent = np.sum(np.diff(readings) ** 2) >= _RANDOM * (away @ away)
+    return bool(independent and readings[half:].std() >= _LASTING * readings[:half].std())
