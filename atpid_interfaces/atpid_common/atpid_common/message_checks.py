@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_common.vocabulary import Mode, Origin, Quality, RunState, Severity
+from atpid_common.vocabulary import ExciterKind, ExciterMode, Mode, Origin, Quality, RunState, Severity
 
 #: Returns why a message cannot be used, in a few words; empty: it can.
 Check = Callable[[Any], str]
@@ -108,6 +108,15 @@ def _state(state: Any) -> str:
     return f"its height is {state.height}" if abs(state.height) > _LARGEST else ""
 
 
+def _exciter(state: Any) -> str:
+    if state.mode > max(ExciterMode) or state.kind > max(ExciterKind):
+        return f"its mode is {state.mode} and its kind {state.kind}; see ExcitationState.msg"
+    for name in ("amplitude", "frequency"):
+        if not 0.0 <= getattr(state, name) <= _LARGEST:
+            return f"its {name} is {getattr(state, name)}"
+    return ""
+
+
 def _event(event: Any) -> str:
     return "" if event.severity <= max(Severity) else f"its severity is {event.severity}; see Event.msg"
 
@@ -134,6 +143,9 @@ CHECKS: Mapping[str, Check] = {
     # whatever its height is: the motor's node refuses what is outside its limits, with an event
     "CeilingCommand": lambda _command: "",
     "CeilingState": _state,
+    # whatever its values are: the excitation node refuses what is outside its limits, with an event
+    "ExcitationCommand": lambda _command: "",
+    "ExcitationState": _exciter,
     "Event": _event,
     "RecorderStatus": _recorder,
     "SupervisorState": _supervisor,

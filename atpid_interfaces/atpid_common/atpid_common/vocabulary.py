@@ -18,6 +18,27 @@ class Mode(IntEnum):
     FAULT = 5
 
 
+class ExciterMode(IntEnum):
+    """ExcitationState.mode: what the exciter's output does."""
+
+    UNCONFIGURED = 0
+    OFF = 1
+    RAMPING = 2
+    RUNNING = 3
+    STOPPING = 4
+    FAULT = 5
+
+
+class ExciterKind(IntEnum):
+    """ExcitationCommand.kind: what is put out."""
+
+    OFF = 0
+    SINE = 1
+    SWEEP = 2
+    RANDOM = 3
+    RECORDED = 4
+
+
 class Quality(IntEnum):
     """Excitation.quality: whether an estimate can be acted on."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from atpid_common.vocabulary import EventKind, Mode, Origin, Quality, RunState, Severity
+from atpid_common.vocabulary import EventKind, ExciterKind, ExciterMode, Mode, Origin, Quality, RunState, Severity
 
 MESSAGES = Path(__file__).resolve().parents[2] / "atpid_interfaces" / "msg"
 KINDS = {name: value for name, value in vars(EventKind).items() if isinstance(value, str) and name.isupper()}
@@ -22,6 +22,8 @@ def numbers(*kinds: type[IntEnum]) -> dict[str, object]:
     [
         ("CeilingState", numbers(Mode)),
         ("Excitation", numbers(Quality, Origin)),
+        ("ExcitationCommand", numbers(ExciterKind)),
+        ("ExcitationState", numbers(ExciterMode)),
         ("SupervisorState", numbers(RunState)),
         ("Event", numbers(Severity) | KINDS),
     ],

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports."""
+"""The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports.
+
+Where the scene's excitation is commanded the support, or the force, follows the reports of the excitation node.
+"""
 
 import math
 import sys
@@ -9,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, ExcitationState, PlantTruth, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
@@ -37,6 +40,8 @@ from atpid_sim.scene import Scene
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
 CATCH_UP = 1e-3
+#: An exciter whose node is silent for longer is off; its states come 20 times a second [s].
+DRIVE_SILENCE = 0.2
 
 PARAMETERS = (
     Entry("scene", "", "scene file (docs/scenes.md)"),
@@ -64,7 +69,10 @@ class PlantNode(Node):
         with announced(COMPILING, self.get_logger().info):
             # a block that is not used: loading the kernels must not fall into the first block's time
             Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
-        self.stream = Stream(scene, make_plant(scene))
+        self._plant, self._commanded = make_plant(scene), scene.excitation.is_commanded
+        self.stream = Stream(scene, self._plant)
+        self._drive: ExcitationState | None = None
+        self._drive_received = 0.0  # steady [s]
         self._scene_faults, self._stamps = scene.injected, StampFaults(scene.seed)
         self.stream.faults = self._faults(values.__getitem__)
         self.failure = ""  # what went wrong with the plant, one sentence
@@ -82,7 +90,7 @@ class PlantNode(Node):
             self._start,
             topics=[*(f"sensors/{device}" for device in self._sensors), "plant/truth", *LOOP_TOPICS],
             recorder=expect_recorder,
-            blocked=lambda: "" if is_alone(self) else "another node of this name to leave",
+            blocked=self._blocked,
         )
         on_status = self._handshake.on_status
         self._recorder = RecorderWatch(self, on_status, self._report_recorder, expected=expect_recorder)
@@ -104,6 +112,8 @@ class PlantNode(Node):
             subscribe(self, CeilingState, "ceiling/state", self._on_report, STATES)
         if self._differs or not self._lockstep:  # in real time they may be injected later
             subscribe(self, CeilingState, "ceiling/truth", self._on_truth, STATES)
+        if self._commanded:
+            subscribe(self, ExcitationState, "excitation/state", self._on_drive, STATES)
 
     # faults
 
@@ -148,6 +158,11 @@ class PlantNode(Node):
         else:
             self._wait_for_block()
 
+    def _blocked(self) -> str:
+        if not is_alone(self):
+            return "another node of this name to leave"
+        return "excitation_node (excitation/state)" if self._commanded and self._drive is None else ""
+
     def waiting_for(self) -> str:
         """What the handshake still lacks, in words; empty: nothing."""
         return self._handshake.waiting_for()
@@ -173,9 +188,28 @@ class PlantNode(Node):
             self._handshake.on_answer(state)
             return
         self._ceiling = state
-        if self._awaited is not None and nanoseconds_of(state.header.stamp) == self._awaited:
-            self._awaited = None
-            self._next_block()
+        self._go_on()
+
+    def _on_drive(self, state: ExcitationState) -> None:
+        self._drive, self._drive_received = state, time.monotonic()
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Compute the next block once all have answered the last one, in lockstep."""
+        answers = [self._ceiling, self._drive] if self._commanded else [self._ceiling]
+        if self._awaited is None or any(one is None or nanoseconds_of(one.header.stamp) != self._awaited
+                                        for one in answers):  # fmt: skip
+            return
+        self._awaited = None
+        self._next_block()
+
+    def _excite(self) -> None:
+        """Pass the exciter's state on to the plant: none, or an old one, is no excitation."""
+        state, silence = self._drive, time.monotonic() - self._drive_received
+        if state is None or not (self._lockstep or silence <= DRIVE_SILENCE):
+            self._plant.excite(0.0, 0.0)
+        else:
+            self._plant.excite(state.amplitude, state.frequency)
 
     def _pace(self) -> None:
         """Publish the block that is due; one a call, so that the ceiling's answers are received in between."""
@@ -209,6 +243,8 @@ class PlantNode(Node):
             self._end(Event.INFO, DONE, self._summary())
             return
         try:
+            if self._commanded:
+                self._excite()
             block = self.stream.advance(*self._ceiling_target())
             outcome = Outcome(block.truth.outcome)
         except NumericalFailure as failure:

@@ -13,7 +13,7 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant.stream import samples_before
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import contact_energy, stored_energy
-from atpid_sim.simulation.excitation import amplitude_at, frequency_at, support_rows
+from atpid_sim.simulation.excitation import CommandedMotion, amplitude_at, frequency_at, support_rows
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import FIDELITIES, Integration, Observation, is_closed, sample_series
 from atpid_sim.system import Array
@@ -68,7 +68,8 @@ class Plant:
         self._closed_only = fidelity == "simplified"
         if self._closed_only and not is_closed(scene):
             raise PlantError(self._opened(max(height for _, height in scene.ceiling.heights)))
-        self._rows = support_rows(scene)
+        self._motion = CommandedMotion() if scene.excitation.is_commanded else None
+        self._rows = drive.still_rows(scene.duration) if self._motion else support_rows(scene)
         self._state = self.integration.initial_state()
         support = drive.support_displacement(self._rows, 0.0)
         self._energy_at_start = stored_energy(self.integration.system, self._state, support)
@@ -81,6 +82,18 @@ class Plant:
     def time(self) -> float:
         """Time reached [s]."""
         return self._state.time
+
+    def excite(self, amplitude: float, frequency: float) -> None:
+        """Let a commanded excitation go to `amplitude` [m, N] and `frequency` [Hz] by the end of the next advance.
+
+        Raises PlantError for others, and where the scene's excitation is not commanded.
+        """
+        if self._motion is None:
+            raise PlantError("excitation: given a command; allowed: with a scene of excitation.commanded: true")
+        try:
+            self._motion.command(amplitude, frequency)
+        except ValueError as error:
+            raise PlantError(str(error)) from None
 
     def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> PlantBlock:
         """Advance by `duration_ticks` samples at `rate` [Hz], the ceiling going toward `target` [m] at `speed` [m/s].
@@ -97,6 +110,8 @@ class Plant:
         if self._failure:
             raise NumericalFailure(f"the plant cannot go on, make a new one: {self._failure}")
         begin, end = self._ticks / rate, (self._ticks + duration_ticks) / rate
+        if self._motion is not None:
+            self._rows = self._motion.rows(begin, end)
         table = self._table(begin, end, target, speed)
         out = sample_series(duration_ticks)
         self._state.n[columns.SAMPLE] = 0
@@ -123,7 +138,7 @@ class Plant:
         for name, unit, value in (("target", "m", target), ("speed", "m/s", speed)):
             if not (math.isfinite(value) and value >= 0.0):
                 raise PlantError(f"{name}: given {value:g} {unit}; allowed: finite and not negative")
-        length = float(self._rows[-1, columns.END])
+        length = self._scene.duration if self._motion else float(self._rows[-1, columns.END])
         left = samples_before(length, rate) - self._ticks
         if ticks > left:
             raise PlantError(
@@ -161,7 +176,7 @@ class Plant:
         return drive.with_ceiling(drive.between(self._rows, begin, end), points)
 
     def _block(self, begin: float, end: float, rate: float, table: Array, out: Array, outcome: Outcome) -> PlantBlock:
-        state, y = self._state, self._state.y
+        state, y, motion = self._state, self._state.y, self._motion
         stored = stored_energy(self.integration.system, state, drive.support_displacement(self._rows, end))
         stored += contact_energy(self.integration.contact, self.integration.system, state, table)
         return PlantBlock(
@@ -178,7 +193,7 @@ class Plant:
             contact_loss=float(y[columns.CONTACT_LOSS]),
             ceiling_work=float(y[columns.CEILING_WORK]),
             stored_energy=stored - self._energy_at_start,
-            excitation_amplitude=amplitude_at(self._scene, end),
-            excitation_frequency=frequency_at(self._scene, end),
+            excitation_amplitude=motion.amplitude if motion else amplitude_at(self._scene, end),
+            excitation_frequency=motion.frequency if motion else frequency_at(self._scene, end),
             outcome=outcome,
         )

@@ -40,6 +40,10 @@ class PlantLike(Protocol):
         """Advance by ticks of 1/rate [s], the ceiling moving toward target [m] at speed [m/s]; return a PlantBlock."""
         ...
 
+    def excite(self, amplitude: float, frequency: float) -> None:
+        """Let a commanded excitation go to amplitude [m, N] and frequency [Hz] by the end of the next advance."""
+        ...
+
 
 @dataclass(frozen=True)
 class Instrument:

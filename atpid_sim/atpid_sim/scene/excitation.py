@@ -41,6 +41,8 @@ class SupportMotion(SceneBlock):
     is_free: ClassVar[bool] = False
     #: Whether it goes on without repeating itself, so that motions are compared by their root mean square.
     is_stationary: ClassVar[bool] = False
+    #: Whether the plant of a loop follows its exciter's state instead.
+    is_commanded: ClassVar[bool] = False
 
     @property
     def amplitude_points(self) -> Points:
@@ -90,6 +92,17 @@ class HarmonicExcitation(SupportMotion):
     def tone_frequency(self) -> float | Literal["resonance"] | Points:
         """See `SupportMotion`."""
         return self.frequency
+
+
+class CommandedExcitation(HarmonicExcitation):
+    """In a loop the support follows the excitation node (docs/excitation_output.md); in a single run it is the tone."""
+
+    kind: ClassVar[str] = "commanded"
+    is_commanded: ClassVar[bool] = True
+    commanded: Literal[True] = Field(
+        description="true: in a loop amplitude and frequency are commanded, and those of the scene are what its map is "
+        "made for, and the largest amplitude expected"
+    )
 
 
 class FreeDecay(SceneBlock):
@@ -223,7 +236,8 @@ class SeriesExcitation(UnevenMotion):
 
 
 Excitation = Annotated[
-    Annotated[HarmonicExcitation, Tag("<harmonic>")]
+    Annotated[CommandedExcitation, Tag("<commanded>")]
+    | Annotated[HarmonicExcitation, Tag("<harmonic>")]
     | Annotated[FreeExcitation, Tag("<free>")]
     | Annotated[SweepExcitation, Tag("<sweep>")]
     | Annotated[SeriesExcitation, Tag("<series>")]
@@ -232,6 +246,7 @@ Excitation = Annotated[
     | Annotated[ShockExcitation, Tag("<shock>")],
     by_key(
         {
+            "<commanded>": ("commanded",),
             "<free>": ("free",),
             "<sweep>": ("sweep",),
             "<series>": ("series",),
@@ -240,7 +255,7 @@ Excitation = Annotated[
             "<shock>": ("shock",),
             "<harmonic>": ("amplitude", "frequency"),
         },
-        "one of {amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}, "
+        "one of {amplitude, frequency}, {commanded: true, amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}, "
         "{tones: ...}, {random: ...}, {shock: ...}",
     ),
 ]

@@ -19,6 +19,8 @@ from atpid_sim.system import Array
 
 #: Beside the scene's seed: the random stream of the support's motion; sensors and their faults have others.
 _STREAM = 9
+#: Of a tone that is commanded and does not turn: it stands still within any run [Hz].
+_LEAST_FREQUENCY = 1e-6
 
 
 def support_rows(scene: Scene) -> Array:
@@ -44,6 +46,43 @@ def support_rows(scene: Scene) -> Array:
     if isinstance(excitation, ShockExcitation):
         return _shock_rows(scene, excitation.shock)
     return _sweep_rows(scene, excitation.sweep)
+
+
+class CommandedMotion:
+    """A tone that is commanded while it runs: amplitude and frequency go straight from block to block.
+
+    Its phase has no jump; without a command the support is at rest.
+    """
+
+    def __init__(self) -> None:
+        """Begin at rest."""
+        self.amplitude = self.frequency = 0.0  # at the end of the last block [m] or [N], [Hz]
+        self._wanted = (0.0, 0.0)
+        self._turns = 0.0
+
+    def command(self, amplitude: float, frequency: float) -> None:
+        """Go to `amplitude` [m, N] and `frequency` [Hz] by the end of the next block. Raises ValueError."""
+        if not (0.0 <= amplitude < math.inf and 0.0 <= frequency < math.inf):
+            raise ValueError(f"excitation: given {amplitude:g} at {frequency:g} Hz; allowed: finite and not negative")
+        self._wanted = amplitude, frequency
+
+    def rows(self, begin: float, end: float) -> Array:
+        """Return the rows (n, 12) of the block from `begin` to `end` [s]."""
+        before, (amplitude, frequency) = (self.amplitude, self.frequency), self._wanted
+        if not amplitude:
+            frequency = before[1]  # it fades at the frequency it has
+        first = before[1] if before[0] else frequency
+        self.amplitude, self.frequency = amplitude, frequency
+        if not (before[0] or amplitude):
+            rows = drive.still_rows(end)
+            rows[0, columns.START] = begin
+            return rows
+        ends = max(first, _LEAST_FREQUENCY), max(frequency, _LEAST_FREQUENCY)
+        piece = _Piece(begin, end, ends, (before[0], amplitude))
+        rows = piece.rows(self._turns, "excitation/state")
+        rows[0, columns.START], rows[-1, columns.END] = begin, end
+        self._turns = math.fmod(self._turns + piece.turns, 1.0)
+        return rows
 
 
 def frequency_points(scene: Scene) -> list[tuple[float, float]]:
