@@ -5,6 +5,7 @@ import argparse
 import math
 import os
 import sys
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
@@ -49,15 +50,19 @@ def run(args: argparse.Namespace) -> int:
                 bar.update(task, completed=done, left="" if math.isnan(left) else f"{_clock(left)} left")
 
             try:
-                done = run_campaign(campaign, scene, folder, lambda point: _open(campaign, scene, point), progress, pause)
+                done = run_campaign(campaign, scene, folder, lambda point: _open(campaign, scene, point, folder.path), progress, pause)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(f"stopped: {_line(summary(campaign, scene, folder))}; the same command goes on") from None
         _conclude(folder, done)
     return 0
 
 
-def _open(campaign: Campaign, scene: Scene, point: Point) -> Stand:
-    return SimulatedStand(campaign, scene)
+def _open(campaign: Campaign, scene: Scene, point: Point, folder: Path) -> Stand:
+    if campaign.stand == "simulated":
+        return SimulatedStand(campaign, scene)
+    from atpid_control.campaign.graph import GraphStand
+
+    return GraphStand(campaign, scene, point, folder)
 
 
 def _clock(seconds: float) -> str:

@@ -68,7 +68,7 @@ SELECTOR = (
     _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
     _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
     _live(
-        "manual_height", math.nan, "where the ceiling is sent, whatever is selected; NaN: the method's height", "m", 0.0,
+        "manual_height", 0.0, "where the ceiling is sent, whatever is selected; 0: where the method has it", "m", 0.0,
         1e6,
     ),
     Entry("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),

@@ -226,7 +226,7 @@ class SelectorNode(Node):
     def _publish(self, answered: Excitation, command: HeightCommand) -> None:
         if self.parameters["hold"] and not answered.handshake:
             command = replace(command, height=math.nan, reason=HELD)
-        elif not answered.handshake and math.isfinite(manual := self.parameters["manual_height"]):
+        elif not answered.handshake and (manual := self.parameters["manual_height"]):
             command = replace(command, height=manual, method="manual", reason=SET)
         message = CeilingCommand(**vars(command))
         message.header, message.handshake = answered.header, answered.handshake

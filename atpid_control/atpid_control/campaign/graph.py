@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated and the real stand of a campaign: one graph that runs throughout, and a recorder for each point."""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from atpid_common.vocabulary import Mode
+from atpid_common.waiting import to_stderr
+from atpid_control.campaign.judge import Judge
+from atpid_control.campaign.plan import Campaign, Point
+from atpid_control.campaign.stands import Feed
+from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.emulated import commands_emulated, parameters_emulated
+from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import Parameters, write_parameters
+from atpid_control.stand.parts import NODES
+from atpid_control.stand.processes import NodeProcess, Processes
+from atpid_control.stand.running import Commands, command_of
+from atpid_driver.emulator import missing_tools
+from atpid_sim.scene import Scene
+
+_RECORDER = "recorder_node"
+#: How long the graph may take to its first estimate, a recorder to its bag, and data to stay away [s].
+_START, _RECORD, _SILENCE = 240.0, 30.0, 10.0
+#: Between two looks at what has come [s].
+_LOOK = 0.02
+#: Until the excitation has ramped down at the end [s].
+_RAMP_DOWN = 10.0
+#: What is off, and stays so until a person arms it.
+_OFF = {Mode.FAULT: "in fault", Mode.DISARMED: "disarmed", Mode.UNCONFIGURED: "not connected"}
+
+
+class GraphStand:
+    """Processes of a stand whose excitation is commanded; `log` has what they print."""
+
+    def __init__(self, campaign: Campaign, scene: Scene, point: Point, folder: Path) -> None:
+        """Start it with a point's grain and wait for the first estimate. Raises BenchError, NodeDiedError."""
+        from atpid_control.stand.nodes.campaign_watch import taking_part
+
+        self._campaign, self._scene = campaign, scene
+        self._logs = folder / "log"
+        self._logs.mkdir(exist_ok=True)
+        os.environ["ROS_LOG_DIR"] = str(self._logs)
+        with ExitStack() as stack:
+            self._place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="atpid-campaign-")))
+            stack.enter_context(own_domain())
+            self._parameters, commands = self._emulated(point)
+            self._nodes = stack.enter_context(Processes(commands, self._logs))
+            self._watch = stack.enter_context(taking_part())
+            stack.enter_context(self._nodes.motor_first())
+            self._until(lambda: self._watch.blocks, _START, "the first estimate")
+            self._stack = stack.pop_all()
+
+    def _emulated(self, point: Point) -> tuple[Parameters, Commands]:
+        campaign, board = self._campaign, not missing_tools()
+        if not board:
+            to_stderr(f"left out: the firmware on its emulated board; it needs {' '.join(missing_tools())}")
+        method = point.ceiling if point.is_method else (campaign.methods or ("pca",))[0]
+        excitation = {"commanded": True, "amplitude": max(campaign.amplitudes), "frequency": point.frequency}
+        ceiling = self._scene.to_mapping()["ceiling"] | {"controller": method}
+        scene = point.scene(self._scene).with_(excitation=excitation, ceiling=ceiling, duration=_FOREVER)
+        file = self._place / "scene.yaml"
+        file.write_text(scene.to_yaml(), encoding="utf-8")
+        parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board)
+        for source in ("plant_node", "labjack_node"):
+            parameters[source]["expect_recorder"] = False
+        supervised = parameters["supervisor_node"]
+        for names in ("nodes", "needed"):  # each point has a recorder of its own, between whose bags nothing is wrong
+            supervised[names] = [name for name in supervised[names] if name != _RECORDER]
+        written = self._place / "parameters.yaml"
+        write_parameters(parameters, written)
+        commands = commands_emulated(scene, written, self._place, board=board)
+        return parameters, [one for one in commands if one[0] != _RECORDER]
+
+    def measure(self, point: Point, folder: Path, judge: Judge) -> None:
+        """See `Stand.measure`."""
+        recorder = self._recorder(point, folder)
+        feed = Feed(judge, recording=False)
+        try:
+            height = point.height(self._scene) or 0.0
+            self._watch.select(point.ceiling if point.is_method else "", height)
+            self._watch.excite(point.amplitude, point.frequency)
+            self._watch.received.clear()
+            begun = heard = time.monotonic()
+            while not judge.over:
+                time.sleep(_LOOK)
+                while self._watch.received and not judge.over:
+                    heard = time.monotonic()
+                    feed(self._watch.received.popleft())
+                status = self._watch.recorder
+                feed.recording = status.recording and status.bag == str(folder / "bag")
+                if recorder.status is not None:
+                    judge.bad = f"the recorder ended: {recorder.reason()}"
+                elif not feed.recording and time.monotonic() - begun > _RECORD:
+                    judge.bad = f"the recorder has not begun within {_RECORD:g} s: {recorder.reason()}"
+                elif time.monotonic() - heard > _SILENCE:
+                    judge.bad = f"no message for {_SILENCE:g} s"
+                self._check()
+        finally:
+            recorder.stop()
+
+    def _recorder(self, point: Point, folder: Path) -> NodeProcess:
+        """Start a recorder whose bag has the scene of this point."""
+        file, scene = folder / "parameters.yaml", folder / "scene.yaml"
+        rules = self._campaign.rules
+        duration = 2.0 * rules.settle_limit + rules.measure_periods / point.frequency
+        scene.write_text(point.scene(self._scene, duration=duration, steady_window=[0.0, duration]).to_yaml(), "utf-8")
+        own = {"bag": str(folder / "bag"), "scene": str(scene), "files": [str(file)]}
+        write_parameters(self._parameters | {_RECORDER: self._parameters[_RECORDER] | own}, file)
+        name, command = command_of(NODES[_RECORDER], file)
+        return NodeProcess(name, command, folder / "recorder.log")
+
+    def rest(self, until: Callable[[], bool]) -> None:
+        """See `Stand.rest`."""
+        self._watch.excite(0.0, 0.0)
+        while not until():
+            time.sleep(_LOOK)
+            self._check()
+
+    def fault(self) -> str:
+        """See `Stand.fault`."""
+        state = self._watch.ceiling
+        return f"the motor is {_OFF[state.mode]}: {state.fault or 'armed by a person only'}" if state.mode in _OFF else ""
+
+    def close(self) -> None:
+        """Ramp the excitation down, then stop the motor first and all others."""
+        with self._stack:
+            self._watch.excite(0.0, 0.0)
+            quiet = self._watch.exciter.__class__.OFF
+            self._until(lambda: self._watch.exciter.mode <= quiet, _RAMP_DOWN, "the end of the excitation")
+
+    def _until(self, happened: Callable[[], Any], timeout: float, what: str) -> None:
+        deadline = time.monotonic() + timeout
+        while not happened():
+            time.sleep(_LOOK)
+            self._check()
+            if time.monotonic() > deadline:
+                raise BenchError(f"the stand: {what} has not come within {timeout:g} s: see {self._logs}")
+
+    def _check(self) -> None:
+        for text in self._nodes.check(except_for=""):
+            to_stderr(text)
+
+
+#: Length of a commanded run [s]: the campaign ends it.
+_FOREVER = 1e6
