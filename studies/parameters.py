@@ -16,7 +16,7 @@ from atpid_common.nodes.parameters import Entry
 from atpid_control.nodes import foxglove_node, live_node, recorder_parameters, replay_node
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
-from atpid_driver.nodes import feed_node, motor_interface
+from atpid_driver.nodes import excitation_node, feed_node, motor_interface
 from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
 from atpid_sim.nodes import plant_node
 
@@ -33,6 +33,7 @@ SECTIONS: dict[str, Table] = {
     "supervisor_node": SUPERVISOR,
     "live_node": live_node.PARAMETERS,
     "motor_node": motor_interface.TABLE,
+    "excitation_node": excitation_node.TABLE,
     "recorder_node": recorder_parameters.PARAMETERS,
     "acquisition_node": ACQUISITION,
     **{f"Backend {name}": table for name, table in BACKENDS.items()},
@@ -54,6 +55,7 @@ CHOSEN: dict[str, Table] = {
     "atpid_driver/config/ni.yaml": (*ACQUISITION, *BACKENDS["nidaqmx"]),
     "atpid_driver/config/motor.yaml": motor_interface.TABLE,
     "atpid_driver/config/motor_serial.yaml": motor_interface.TABLE,
+    "atpid_driver/config/excitation.yaml": excitation_node.TABLE,
     "atpid_sim/config/plant.yaml": plant_node.PARAMETERS,
 }
 #: Arguments of the example in the help.

@@ -49,7 +49,7 @@ def test_beside_an_unauthorised_publisher_nothing_moves_until_it_is_gone(stand: 
     assert {state.target for state in stand.states} == {FIRST}
     assert len(refusals(stand)) == 1  # not with every command
     assert refusals(stand)[0].endswith(
-        "ceiling/command is published by /intruder and /peer; the ceiling stays until there is one"
+        "ceiling/command is published by /intruder and /peer; none is followed until there is one"
     )
     stand.until(lambda: any(s.level == s.ERROR and "/intruder" in s.message for s in stand.statuses), both)
     intruder.destroy_node()

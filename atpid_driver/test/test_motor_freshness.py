@@ -125,5 +125,5 @@ def test_what_was_commanded_before_it_was_armed_does_not_move_it(stand: Stand) -
     assert stand.change(Transition.TRANSITION_ACTIVATE)
     # as it comes where it waited in the middleware
     node._on_command(CeilingCommand(height=0.5, sequence=2), {"source_timestamp": made})
-    stand.until(lambda: any("before the motor was armed" in event.text for event in stand.events))
+    stand.until(lambda: any("before it was armed" in event.text for event in stand.events))
     assert not any(state.target == 0.5 for state in stand.states)

@@ -168,7 +168,7 @@ MUTATIONS = (
     ),
     _in(
         "commands of any age",
-        NODES + "motor_commands.py",
+        NODES + "command_gate.py",
         "if waited > self._settings.command_timeout:",
         "if waited > 1e9:",
         "a height from before an interruption moves it",
@@ -176,7 +176,7 @@ MUTATIONS = (
     ),
     _in(
         "commands from before it was armed",
-        NODES + "motor_commands.py",
+        NODES + "command_gate.py",
         "if self._freshness.before_armed(waited, now):",
         "if False:",
         "a person arms it and it goes where it was to go before",

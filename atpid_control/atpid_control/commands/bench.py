@@ -26,7 +26,7 @@ from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.launching.options import add_bench as add_arguments
 from atpid_control.stand.parameters import Parameters, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, parameters_for
+from atpid_control.stand.parts import NAMES, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
 from atpid_control.stand.running import Commands, RosOptions, commands_of, run_lockstep, run_realtime, shown
 from atpid_driver.emulator import missing_tools
@@ -72,7 +72,7 @@ def _run_graph(
     ros = RosOptions.of(args)
     if not args.emulated_stand:
         parameters = parameters_for(scene, *files, lockstep=not args.real_time, given=given)
-        _run_nodes(args, scene, out, parameters, lambda file: commands_of(file, ros=ros))
+        _run_nodes(args, scene, out, parameters, lambda file: commands_of(file, parts_of(scene, lockstep=False), ros))
         return
     missing = missing_tools()
     if missing:

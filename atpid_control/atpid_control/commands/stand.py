@@ -18,7 +18,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part, usual_parameters
+from atpid_control.stand.parts import EXCITATION, LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -49,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
         check_new(args.bag)
     # in the order of stopping: the motor first, the recorder last
     parts = [_configured(SERIAL_MOTOR, args.motor_config), SUPERVISOR, _configured(LABJACK, args.labjack_config)]
+    if args.excitation_config:
+        parts.insert(1, _configured(EXCITATION, args.excitation_config))
     parts += [*([_configured(NI, args.ni_config)] if args.ni else []), *_LOOP, *live_page.parts(args)]
     ros = RosOptions.of(args)
     with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
@@ -78,6 +80,7 @@ def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file:
     kept = [str(path) for path in (file, height_map) if path]
     own: Parameters = {
         "motor_node": {"supervised": True} | ({"check_move": args.move} if args.move else {}),
+        EXCITATION.name: {"supervised": True} if args.excitation_config else {},
         "supervisor_node": named | {"nodes": supervised, "restart_time": RESTART_TIME if args.restarts else 0.0},
         "selector_node": named | {"map": str(height_map or "")},
         "recorder_node": named | {"bag": str(args.bag.absolute()) if args.bag else "", "files": kept},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motor node's own services, by which the supervisor stops and arms it: only what they confirm is reported."""
+"""The services of motor and exciter, by which the supervisor stops and arms them: only what they confirm is reported."""
 
 import time
 from typing import Any
@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import STEADY
 
-MOTOR = "motor_node"
+MOTOR, EXCITER = "motor_node", "excitation_node"
 #: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
 _STATE, _STOP, _ARM, _SHOWN = 1.0, 1.5, 4.0, 1.0
 #: Lifecycle transitions that arm it from each state; an active one is armed by its service.
@@ -31,59 +31,50 @@ _ARMED = {
 }
 
 
-class MotorRequests:
+class DeviceRequests:
     """Its methods wait without blocking: they are for callbacks of a reentrant group. Times are steady."""
 
-    def __init__(self, node: Node) -> None:
-        """Make the clients."""
-        self._node, self._clock = node, STEADY
-        self._stop = node.create_client(Trigger, f"{MOTOR}/stop")
-        self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
-        self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
-        self._change = node.create_client(ChangeState, f"{MOTOR}/change_state")
-        self._state, self._armed = CeilingState(), Future()
-
-    def on_state(self, state: CeilingState) -> None:
-        """Take a state of the ceiling."""
-        self._state = state
-        if state.mode in _ARMED and not self._armed.done():
-            self._armed.set_result(None)
+    def __init__(self, node: Node, name: str) -> None:
+        """Make the clients of the node `name`."""
+        self._node, self._name, self._clock = node, name, STEADY
+        self._stop = node.create_client(Trigger, f"{name}/stop")
+        self._get_state = node.create_client(GetState, f"{name}/get_state")
+        self._change = node.create_client(ChangeState, f"{name}/change_state")
 
     async def stop(self) -> str:
-        """Switch the motor off. Return why that is not confirmed, one line; empty: the board has confirmed it."""
+        """Switch it off. Return why that is not confirmed, one line; empty: the device has confirmed it."""
         answer = await self._answer(self._stop, Trigger.Request(), _STOP)
         if answer is None:
-            return f"{MOTOR} does not answer"
+            return f"{self._name} does not answer"
         return "" if answer.success else str(answer.message)
 
     async def lifecycle_state(self) -> str:
-        """Return the motor node's lifecycle state, asked for now; empty: it does not answer."""
+        """Return its lifecycle state, asked for now; empty: it does not answer."""
         answer = await self._answer(self._get_state, GetState.Request(), _STATE)
         return str(answer.current_state.label) if answer is not None else ""
 
-    async def arm(self, lifecycle_state: str) -> tuple[bool, str]:
-        """Arm the motor from this state of its node; return whether it is armed, and what it does or why it is not."""
+    async def activate(self, lifecycle_state: str, otherwise: Client | None = None) -> str:
+        """Activate it from this state of its node, one that is active by a service `otherwise`.
+
+        Return why it is not active, one line; empty: it is.
+        """
         if lifecycle_state not in _TRANSITIONS:
-            return False, f"{MOTOR} is {lifecycle_state}: start it again"
+            return f"{self._name} is {lifecycle_state or 'silent'}: start it again"
         requests: list[tuple[Client, Any]] = [
             (self._change, ChangeState.Request(transition=Transition(id=number)))
             for number in _TRANSITIONS[lifecycle_state]
         ]
         end = time.monotonic() + _ARM
-        for client, request in requests or [(self._rearm, Trigger.Request())]:
+        for client, request in requests or ([(otherwise, Trigger.Request())] if otherwise else []):
             answer = await self._answer(client, request, end - time.monotonic())
             if answer is None:
-                return False, f"{MOTOR} has not answered within {_ARM:g} s"
+                return f"{self._name} has not answered within {_ARM:g} s"
             if not answer.success:
-                return False, getattr(answer, "message", "") or self._reason(f"{MOTOR} refused; its log has the reason")
-        self._armed = Future()
-        await self._within(self._armed, _SHOWN)
-        if self._state.mode in _ARMED:
-            return True, _ARMED[self._state.mode]
-        return False, self._reason("the motor is off again")
+                return getattr(answer, "message", "") or self._reason(f"{self._name} refused; its log has the reason")
+        return ""
 
     def _reason(self, otherwise: str) -> str:
-        return f"motor off: {self._state.fault}; remove the cause" if self._state.fault else otherwise
+        return otherwise
 
     async def _answer(self, client: Client, request: Any, limit: float) -> Any:
         """Return the answer; None where there is none within `limit` [s]."""
@@ -108,3 +99,32 @@ class MotorRequests:
         timer = self._node.create_timer(limit, end, clock=self._clock)
         await over
         self._node.destroy_timer(timer)
+
+
+class MotorRequests(DeviceRequests):
+    """Those of the motor, whose state shows whether it is armed."""
+
+    def __init__(self, node: Node) -> None:
+        """Make the clients."""
+        super().__init__(node, MOTOR)
+        self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
+        self._state, self._armed = CeilingState(), Future()
+
+    def on_state(self, state: CeilingState) -> None:
+        """Take a state of the ceiling."""
+        self._state = state
+        if state.mode in _ARMED and not self._armed.done():
+            self._armed.set_result(None)
+
+    async def arm(self, lifecycle_state: str) -> tuple[bool, str]:
+        """Arm the motor from this state of its node; return whether it is armed, and what it does or why it is not."""
+        if problem := await self.activate(lifecycle_state, self._rearm):
+            return False, problem
+        self._armed = Future()
+        await self._within(self._armed, _SHOWN)
+        if self._state.mode in _ARMED:
+            return True, _ARMED[self._state.mode]
+        return False, self._reason("the motor is off again")
+
+    def _reason(self, otherwise: str) -> str:
+        return f"motor off: {self._state.fault}; remove the cause" if self._state.fault else otherwise

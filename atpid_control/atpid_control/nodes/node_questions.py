@@ -23,7 +23,7 @@ from atpid_control.supervision.answers import NodeLiveness
 
 #: Between two questions; and until one without an answer is asked again: discovery may lose the first [s].
 PERIOD, AGAIN = 0.1, 0.5
-LIFECYCLE_NODES = ("motor_node", "labjack_node", "ni_node")
+LIFECYCLE_NODES = ("motor_node", "excitation_node", "labjack_node", "ni_node")
 
 
 @dataclass

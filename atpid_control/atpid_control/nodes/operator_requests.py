@@ -17,9 +17,10 @@ from atpid_control.views.live.requests import HoldRequest, MethodRequest, Note, 
 
 Answer = Callable[[tuple[bool, str]], None]
 MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
+EXCITER = "excitation_node/stop"
 #: Services (std_srvs/Trigger) of each request, all of which are called; the first of them in the graph answers it.
 #: A stop is latched in the supervisor and reaches the motor at once: whether it is off, the motor itself confirms.
-TRIGGERED = {"stop": (MOTOR, SUPERVISOR), "disarm": (MOTOR,), "arm": (ARM,)}
+TRIGGERED = {"stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,)}
 SELECTOR = "selector_node"
 
 
@@ -29,7 +30,7 @@ class OperatorRequests:
     def __init__(self, node: Node, events: EventPublisher) -> None:
         """Make the clients."""
         self._node, self._events = node, events
-        self._triggers = {name: node.create_client(Trigger, name) for name in (MOTOR, SUPERVISOR, ARM)}
+        self._triggers = {name: node.create_client(Trigger, name) for name in (MOTOR, SUPERVISOR, ARM, EXCITER)}
         self._set = node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
 
     def do(self, request: Request, answer: Answer) -> None:

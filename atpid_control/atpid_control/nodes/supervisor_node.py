@@ -28,7 +28,7 @@ from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import RunState
 from atpid_control.nodes.loop_checker import LoopChecker
-from atpid_control.nodes.motor_requests import MOTOR, MotorRequests
+from atpid_control.nodes.motor_requests import EXCITER, MOTOR, DeviceRequests, MotorRequests
 from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.quantity_watch import QuantityWatch
@@ -74,6 +74,7 @@ class SupervisorNode(Node):
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._questions = NodeQuestions(self, self._answers)
         self._motor = MotorRequests(self)
+        self._exciter = DeviceRequests(self, EXCITER) if EXCITER in self._answers.nodes else None
         self._stops = 0  # requests and causes to stop so far
         self._check = LoopChecker(self, self._answers.nodes, self._values["scene"], self._values["check_time"])
         for topic in SENSORS:
@@ -174,12 +175,15 @@ class SupervisorNode(Node):
             self._publish(time.monotonic())  # now: the motor need not wait for the next turn
 
     async def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop on request of the operator: motor off until `~/rearm`. A success is confirmed by the motor itself."""
+        """Stop on request of the operator: all off until `~/rearm`. A success is confirmed by the devices themselves."""
         self._stop("stopped by the operator")
-        problem = await self._motor.stop()
-        response.success, response.message = True, "motor off, confirmed; supervisor_node/rearm arms it again"
-        if problem:
-            text = f"permission withdrawn; motor off not confirmed ({problem}): use the emergency stop"
+        motor = await self._motor.stop()
+        exciter = await self._exciter.stop() if self._exciter else ""
+        off = "motor and exciter off" if self._exciter else "motor off"
+        response.success, response.message = True, f"{off}, confirmed; supervisor_node/rearm arms it again"
+        if problem := motor or exciter:
+            what = "motor" if motor else "exciter"
+            text = f"permission withdrawn; {what} off not confirmed ({problem}): use the emergency stop"
             response.success, response.message = False, text
         return response
 
@@ -196,6 +200,9 @@ class SupervisorNode(Node):
             self._quantities.rearm()
             self._publish(time.monotonic())
             response.success, text = await self._motor.arm(motor)
+            if response.success and self._exciter:
+                problem = await self._exciter.activate(await self._exciter.lifecycle_state())
+                response.success, text = not problem, problem or text
             if self._stops > stops:
                 response.success, text = False, f"stopped meanwhile: {self._supervision.stopped}"
             elif not response.success:

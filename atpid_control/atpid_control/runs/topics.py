@@ -10,6 +10,7 @@ BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTr
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
 LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
 SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
+EXCITED_BY, EXCITER = "atpid_interfaces/msg/ExcitationCommand", "atpid_interfaces/msg/ExcitationState"
 #: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
 BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION, SUPERVISOR)
 #: Everything the graph publishes, in the order in which messages of one stamp are written.
@@ -20,11 +21,14 @@ DEFAULT = (
     "excitation atpid_interfaces/msg/Excitation",
     "ceiling/command atpid_interfaces/msg/CeilingCommand",
     "ceiling/state atpid_interfaces/msg/CeilingState",
+    f"excitation/command {EXCITED_BY}",
+    f"excitation/state {EXCITER}",
     f"events {EVENT} transient_local",
     f"/diagnostics {DIAGNOSTICS}",
     f"/rosout {LOG} transient_local",
     f"supervisor/state {SUPERVISOR}",
     f"motor_node/transition_event {TRANSITION}",
+    f"excitation_node/transition_event {TRANSITION}",
     f"labjack_node/transition_event {TRANSITION}",
     f"ni_node/transition_event {TRANSITION}",
 )
@@ -52,8 +56,9 @@ class Topic:
 
     @property
     def in_loop(self) -> bool:
-        """Whether it carries every stamp of a run, unlike events, diagnostics and the log."""
-        return self.type.startswith("atpid_interfaces/") and self.type not in (EVENT, SUPERVISOR)
+        """Whether it carries every stamp of a run, unlike an operator's commands, events, diagnostics and the log."""
+        beside = (EVENT, SUPERVISOR, EXCITED_BY, EXCITER)
+        return self.type.startswith("atpid_interfaces/") and self.type not in beside
 
 
 def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:

@@ -65,8 +65,17 @@ NI = Part("atpid_driver", "ni_node", "ni.yaml")
 SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 #: Of the emulated stand: what passes the plant's signals on to the device.
 FEED = Part("atpid_driver", "feed_node", "")
+#: What excites the structure, where the scene or the stand's configuration has it commanded.
+EXCITATION = Part("atpid_driver", "excitation_node", "excitation.yaml")
 #: Names for which a parameter file may have values, whichever of them a run has.
-NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, LIVE, LABJACK, NI, FEED))
+NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, EXCITATION, LIVE, LABJACK, NI, FEED))
+
+
+def parts_of(scene: Scene, *, lockstep: bool) -> tuple[Part, ...]:
+    """Return the nodes of the simulated bench for a scene, in real time in the order of stopping."""
+    parts = PARTS if lockstep else REAL_TIME_PARTS
+    # what moves comes first, and what records comes last
+    return (parts[0], EXCITATION, *parts[1:]) if scene.excitation.is_commanded else parts
 
 
 def parameters_for(
@@ -83,8 +92,7 @@ def parameters_for(
     Raises SceneError for faults that cannot be injected there.
     """
     own = own_parameters(scene, scene_file, height_map, bag, lockstep=lockstep)
-    parts = PARTS if lockstep else REAL_TIME_PARTS
-    return combined(usual_parameters(parts, scene), own, given or {})
+    return combined(usual_parameters(parts_of(scene, lockstep=lockstep), scene), own, given or {})
 
 
 def usual_parameters(parts: Iterable[Part], scene: Scene) -> Parameters:
@@ -118,10 +126,19 @@ def own_parameters(
     if injected := [str(fault) for fault in scene.injected if fault.part in CEILING]:
         parameters["motor_node"] |= {"faults": injected}
     parameters["recorder_node"] = {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
+    if scene.excitation.is_commanded:
+        parameters[EXCITATION.name] = excitation_parameters(scene) | {"lockstep": lockstep, "supervised": not lockstep}
     if not lockstep:
         parameters["motor_node"]["supervised"] = True
-        parameters[SUPERVISOR.name] = supervised(PARTS, scene, scene_file)
+        parameters[SUPERVISOR.name] = supervised(parts_of(scene, lockstep=True), scene, scene_file)
     return parameters
+
+
+def excitation_parameters(scene: Scene) -> dict[str, Any]:
+    """Return backend and limits of the simulated exciter: any amplitude of the scene, at any useful frequency."""
+    own = scene.natural_frequency_hz
+    return {"backend": "simulated", "highest_amplitude": scene.excitation.largest_amplitude,
+            "lowest_frequency": 0.1 * own, "highest_frequency": 10.0 * own}  # fmt: skip
 
 
 def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:

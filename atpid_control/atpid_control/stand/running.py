@@ -20,7 +20,7 @@ from atpid_common.injected_faults import RECORDER, Injected
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.errors import BenchError, PlantFailedError
 from atpid_control.stand.parameters import Parameters
-from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS, Part
+from atpid_control.stand.parts import EXCITATION, PARTS, REAL_TIME_PARTS, Part
 from atpid_control.stand.processes import Processes
 from atpid_control.stand.security import enclave_arguments
 from atpid_control.stand.stop_key import stop_key
@@ -71,7 +71,8 @@ def run_lockstep(
     """
     from atpid_control.stand.nodes import composition
 
-    composition.run_lockstep([(part.package, part.name) for part in PARTS], parameters, progress, follow, calls)
+    parts = [part for part in (PARTS[0], EXCITATION, *PARTS[1:]) if part.name in parameters]
+    composition.run_lockstep([(part.package, part.name) for part in parts], parameters, progress, follow, calls)
 
 
 Commands = list[tuple[str, list[str]]]

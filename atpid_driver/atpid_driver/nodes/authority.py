@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may move the ceiling: the publisher whose commands are followed, as long as the supervisor permits motion, and
-of two motor nodes of one name the one that was there before."""
+"""Who may move ceiling or exciter: the publisher whose commands are followed, as long as the supervisor permits
+motion, and of two nodes of one name the one that was there before."""
 
 import time
 from collections.abc import Callable
@@ -76,7 +76,7 @@ class Commander:
         found = self._node.get_publishers_info_by_topic(self._resolved)
         names = sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in found})
         if len(names) > 1:
-            return f"{self.topic} is published by {' and '.join(names)}; the ceiling stays until there is one"
+            return f"{self.topic} is published by {' and '.join(names)}; none is followed until there is one"
         wanted = f"{self._node.get_namespace().rstrip('/')}/{self._name}"
         if self._name and names and names[0] != wanted:
             return f"{self.topic} is published by {names[0]}; allowed: {wanted} (parameter commander)"
@@ -99,7 +99,7 @@ class Commander:
 
 
 class MotionPermit:
-    """Whether the motor may move now; always, where it is not supervised."""
+    """Whether motor or exciter may move now; always, where it is not supervised."""
 
     def __init__(self, node: Node, on_stop: Callable[[str], None], timeout: float, *, supervised: bool) -> None:
         """Subscribe where it is supervised; on_stop: called with the reason of a stop, by each message that has one.
@@ -137,7 +137,7 @@ class MotionPermit:
 
 
 class DuplicateNodes:
-    """Decides which of two nodes of one name may move the ceiling.
+    """Decides which of two nodes of one name may move ceiling or exciter.
 
     The one that was there before goes on; one that is started later is inhibited, so of two that start together
     neither moves. One that was killed stays in the graph for some seconds: once it is gone the other may move.
@@ -151,7 +151,7 @@ class DuplicateNodes:
     def check(self) -> tuple[int, str] | None:
         """Check the graph, once a second; return severity and text of a duplicate that has appeared since, once.
 
-        ALARM: it was there before, so this node must not move the ceiling.
+        ALARM: it was there before, so this node must not move anything.
         """
         before, self._present = self._present, not is_alone(self._node)
         starting = time.monotonic() - self.started < DISCOVERY_TIME
@@ -160,5 +160,5 @@ class DuplicateNodes:
             return None
         name = self._node.get_fully_qualified_name()
         if starting:
-            return Event.ALARM, f"{name} is already running in this ROS graph: motor off until it is gone"
+            return Event.ALARM, f"{name} is already running in this ROS graph: off until it is gone"
         return Event.WARNING, f"another {name} was started in this ROS graph; this one stays"

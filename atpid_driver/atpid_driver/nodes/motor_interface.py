@@ -19,7 +19,8 @@ from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.settings import MotorSettings
 
 
-def _row(setting: Field[Any]) -> Entry:
+def row_of(setting: Field[Any]) -> Entry:
+    """Return a field that was made by `described` as a parameter."""
     default = setting.default
     if default is MISSING:
         default = Parameter.Type.STRING if setting.type is str else Parameter.Type.DOUBLE
@@ -27,7 +28,7 @@ def _row(setting: Field[Any]) -> Entry:
 
 
 #: The node's parameters, as `MotorSettings` declares them.
-TABLE = tuple(_row(setting) for setting in fields(MotorSettings) if setting.init)
+TABLE = tuple(row_of(setting) for setting in fields(MotorSettings) if setting.init)
 _LEVELS = {
     Mode.UNCONFIGURED: DiagnosticStatus.ERROR,
     Mode.FAULT: DiagnosticStatus.ERROR,

@@ -34,30 +34,21 @@ from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import MotorError, NotReadyError, StopNotConfirmedError
+from atpid_driver.motor.errors import HeightRefusedError, MotorError, NotReadyError, StopNotConfirmedError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
-from atpid_driver.nodes.authority import DuplicateNodes, MotionPermit
-from atpid_driver.nodes.device_node import DeviceNode
-from atpid_driver.nodes.motor_commands import TOPIC as COMMANDS
-from atpid_driver.nodes.motor_commands import CommandGate
+from atpid_driver.nodes.authority import MotionPermit
+from atpid_driver.nodes.command_gate import CommandGate
 from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
 from atpid_driver.nodes.simulated_ceiling import FaultInjection, PlantCeiling
+from atpid_driver.nodes.supervised_node import SupervisedNode
 
-RETRY = 1.0
-PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
-STATE = "ceiling/state"
-#: What leads from a lifecycle state to an active node.
-REMEDIES = {
-    "unconfigured": "configure and activate it",
-    "inactive": "activate it",
-    "finalized": "it was shut down for good; start it again",
-}
+COMMANDS, STATE = "ceiling/command", "ceiling/state"
 
 
-class MotorNode(DeviceNode):
+class MotorNode(SupervisedNode):
     """Moves the ceiling to the heights of `ceiling/command`, in lockstep or in real time: see the module's text."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -70,8 +61,6 @@ class MotorNode(DeviceNode):
         except InputError:
             self.leave_graph()
             raise
-        self._connected = self._active = False
-        self._duplicates = DuplicateNodes(self)
         self._stamp = 0
         # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
         self._injection = FaultInjection(self, 0 if self.settings.lockstep else None)
@@ -81,11 +70,9 @@ class MotorNode(DeviceNode):
         self.error = ""
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         publish = self._open_topics()
-        self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
-        if self.settings.autostart:
-            self._starter = self.create_timer(0.01, self._start, clock=STEADY)
+        self._begin(autostart=self.settings.autostart)
         if not self._actuator.placed:
             self._plant_ceiling = PlantCeiling(self, self._place)
         self._inject(self.settings.injected)
@@ -103,7 +90,7 @@ class MotorNode(DeviceNode):
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
-        self._gate = CommandGate(self, self.settings, self._publish_event)
+        self._gate = CommandGate(self, COMMANDS, self.settings, self._publish_event)
         supervised = self.settings.supervised and not lockstep
         self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
         self._was_granted = self._permit.granted
@@ -154,25 +141,13 @@ class MotorNode(DeviceNode):
         self._active = self._connected = False
         self._actuator.close()
 
-    def _start(self) -> None:
-        """Configure until the board answers, then activate once: a motor that refuses needs a person."""
-        assert self._starter is not None
-        if not self._connected:
-            self.trigger_configure()
-        if self._connected and not self._duplicates.inhibits_motion and self._permit.granted:
-            self._end_starting()
-            self.trigger_activate()
-        else:
-            waiting = self._connected and not self._duplicates.inhibits_motion
-            self._starter.timer_period_ns = int((PERMIT_RETRY if waiting else RETRY) * 1e9)
-
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
         if not handshake and self._gate.is_foreign(info):
             if self._gate.several_senders:
                 self._initial = None
                 self._stop_moving()
-            self._gate.report_foreign(command)
+            self._gate.report_foreign(command.height)
             self._supervision.stale.received(COMMANDS)
         elif not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
@@ -198,7 +173,9 @@ class MotorNode(DeviceNode):
             self._gate.check_fresh(info, self._now())
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
-            self._gate.refuse(command, error)
+            outside = isinstance(error, HeightRefusedError)
+            if outside or isfinite(command.height):  # once, whatever heights a ramp commands to one that is not ready
+                self._gate.refuse(command.height if outside else None, command.height, error)
         else:
             self._gate.accepted()
 
@@ -325,16 +302,6 @@ class MotorNode(DeviceNode):
             self._gate.status(),
         ]
 
-    def _check_duplicates(self) -> None:
-        if (found := self._duplicates.check()) is None:
-            return
-        severity, text = found
-        self._publish_event(severity, Event.DUPLICATE, nan, text)
-        if severity == Event.ALARM and self._active:
-            self.trigger_deactivate()
-            if self.settings.autostart:
-                self._starter = self.create_timer(RETRY, self._start, clock=STEADY)
-
     def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear latched faults whose cause is gone, arm and home; only on request of a person."""
         try:
@@ -348,10 +315,6 @@ class MotorNode(DeviceNode):
         else:
             response.success, response.message = True, "armed; homing if its height is lost"
         return response
-
-    def _state_and_remedy(self) -> str:
-        label = str(self._state_machine.current_state[1])
-        return f"{label}: {REMEDIES.get(label, 'activate it')}"
 
     def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
         stamp = time_of(self._stamp) if self.settings.lockstep else None

@@ -28,6 +28,8 @@ def add_stand(parser: argparse.ArgumentParser) -> None:
     for name, file in (("labjack", "labjack.yaml"), ("ni", "ni.yaml"), ("motor", "motor_serial.yaml")):
         text = f"parameter file of {name}_node; not given: {file} of the package"
         add(f"--{name}-config", type=file_path, metavar="FILE", help=text)
+    exciter = "drive the exciter, by this parameter file of excitation_node (docs/excitation_output.md)"
+    add("--excitation-config", type=file_path, metavar="FILE", help=exciter)
     _add_run(parser, "")
 
 

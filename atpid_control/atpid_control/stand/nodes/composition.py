@@ -157,8 +157,8 @@ def _stopped(plant: Any, computed: int) -> str:
     return f"{stopped}: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
 
 
-#: The motor at once, and the supervisor, in which a stop is latched.
-STOPPED_BY = ("motor_node", "supervisor_node")
+#: Motor and exciter at once, and the supervisor, in which a stop is latched.
+STOPPED_BY = ("motor_node", "excitation_node", "supervisor_node")
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

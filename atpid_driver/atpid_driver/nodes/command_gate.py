@@ -1,21 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which commands may move the ceiling: those of the sender that is followed, in time, and made since it was armed."""
+"""Which commands may move something: those of the sender that is followed, in time, and made since it was armed."""
 
 import time
 from collections.abc import Callable
-from math import isnan
+from typing import Protocol
 
-from atpid_interfaces.msg import CeilingCommand, Event
+from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from atpid_common.latency import Latencies
-from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError
+from atpid_driver.motor.errors import CommandStaleError
 from atpid_driver.motor.freshness import Freshness
-from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.nodes.authority import Commander
 
-TOPIC = "ceiling/command"
+
+class GateSettings(Protocol):
+    """The parameters that decide about commands; see `MotorSettings`."""
+
+    @property
+    def lockstep(self) -> bool:
+        """Commands have no age."""
+
+    @property
+    def commander(self) -> str:
+        """Name of the only node whose commands are followed, or empty."""
+
+    @property
+    def command_timeout(self) -> float:
+        """A command that waited longer is ignored [s]."""
+
+    @property
+    def stale_timeout(self) -> float:
+        """Silence after which a publisher has left [s]."""
 
 
 class CommandGate:
@@ -26,11 +43,11 @@ class CommandGate:
     """
 
     def __init__(
-        self, node: Node, settings: MotorSettings, publish_event: Callable[[int, str, float, str], None]
+        self, node: Node, topic: str, settings: GateSettings, publish_event: Callable[[int, str, float, str], None]
     ) -> None:
         """Begin; publish_event: called with severity, kind, value and text."""
         self._settings, self._publish_event = settings, publish_event
-        self._commander = Commander(node, TOPIC, settings.commander, settings.stale_timeout)
+        self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)
         self._freshness = Freshness()
         self._late = 0.0  # of the last command [s]
         self._last_refused: object = None
@@ -50,11 +67,11 @@ class CommandGate:
         """Whether the graph shows another sender than the one that may command: then nothing may move."""
         return self._commander.several
 
-    def report_foreign(self, command: CeilingCommand) -> None:
-        """Report a foreign command, once."""
+    def report_foreign(self, value: float) -> None:
+        """Report a foreign command of `value`, once."""
         if self._commander.to_report():
             text = f"command ignored: {self._commander.problem}"
-            self._publish_event(Event.ALARM, Event.REFUSED, command.height, text)
+            self._publish_event(Event.ALARM, Event.REFUSED, value, text)
 
     def receive(self, stamp: int, info: dict[str, int]) -> None:
         """Take the `stamp` [ns] of a command that is to be followed, and the middleware's `info` about it."""
@@ -74,28 +91,24 @@ class CommandGate:
         if waited > self._settings.command_timeout:
             raise CommandStaleError(
                 f"command ignored: it waited {waited:.2f} s, allowed {self._settings.command_timeout:g} s "
-                "(command_timeout); the ceiling stays"
+                "(command_timeout)"
             )
         if self._freshness.before_armed(waited, now):
-            raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before the motor was armed")
+            raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before it was armed")
 
     def accepted(self) -> None:
         """Report the next refusal again: a command has been taken up."""
         self._last_refused = None
 
-    def refuse(self, command: CeilingCommand, error: MotorError) -> None:
-        """Publish a refusal once: the controller repeats the command with every block.
-
-        Once for each height outside the limits; once for a motor that is not ready, whatever heights a ramp commands.
-        """
-        what = (type(error), command.height if isinstance(error, HeightRefusedError) else None)
-        if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
+    def refuse(self, what: object, value: float, error: Exception) -> None:
+        """Publish a refusal once for each `what` that is refused: its sender repeats the command."""
+        if (type(error), what) == self._last_refused:
             return
-        self._last_refused = what
-        self._publish_event(Event.WARNING, Event.REFUSED, command.height, str(error))
+        self._last_refused = type(error), what
+        self._publish_event(Event.WARNING, Event.REFUSED, value, str(error))
 
     def armed(self, now: int) -> None:
-        """Note that the motor was armed at `now` [ns]: what was commanded before must not move it."""
+        """Note that it was armed at `now` [ns]: what was commanded before must not move it."""
         self._freshness.armed(now)
 
     def restart(self) -> None:

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The excitation node: commands in, the exciter's output out; a lifecycle node around one `ExcitationDrive`.
+
+configure opens the device (output off), activate lets commands switch it on, deactivate switches it off. In lockstep
+each estimate is answered by one state at its stamp; in real time states go out on the node's own period, and an output
+that gets no more commands ramps down. Where it is supervised there is output only while the supervisor permits motion.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from functools import partial
+from math import nan
+from typing import Any
+
+from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from atpid_common.errors import InputError
+from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.diagnostics import status
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import EVENTS, STATES, STEADY, nanoseconds_of, time_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import declare
+from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import ExciterKind, ExciterMode, Quality
+from atpid_driver import DriverError
+from atpid_driver.excitation import ExcitationSettings, drive_of
+from atpid_driver.excitation.drive import Output
+from atpid_driver.excitation.errors import CommandRefusedError, ExcitationError, NotReadyError, OutputLostError
+from atpid_driver.excitation.hold import Hold
+from atpid_driver.excitation.signals import OFF, Command
+from atpid_driver.nodes.authority import MotionPermit
+from atpid_driver.nodes.command_gate import CommandGate
+from atpid_driver.nodes.motor_interface import row_of
+from atpid_driver.nodes.supervised_node import SupervisedNode
+
+#: The node's parameters, as `ExcitationSettings` declares them.
+TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings) if setting.init)
+COMMANDS, STATE = "excitation/command", "excitation/state"
+#: From the last sample to the output that follows from it, beside the window of the estimate [s].
+LOOP_DELAY = 0.2
+_LEVELS = {ExciterMode.FAULT: DiagnosticStatus.ERROR, ExciterMode.UNCONFIGURED: DiagnosticStatus.ERROR}
+
+
+def command_of(message: ExcitationCommand) -> Command:
+    """Return the command of a message. Raises CommandRefusedError for a kind that there is not."""
+    try:
+        kind = ExciterKind(message.kind)
+    except ValueError:
+        raise CommandRefusedError(f"kind: given {message.kind}; allowed: 0 to 4, see ExcitationCommand.msg") from None
+    if kind is ExciterKind.OFF:
+        return OFF
+    return Command(kind, message.amplitude, message.frequency, message.end_frequency, message.duration,
+                   message.seed, message.file, bool(message.hold), message.sequence)  # fmt: skip
+
+
+class ExcitationNode(SupervisedNode):
+    """Puts out what `excitation/command` asks for: see the module's text."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
+        super().__init__("excitation_node", **kwargs)
+        try:
+            self.settings = ExcitationSettings(**declare(self, TABLE))
+            self._drive = drive_of(self.settings)
+        except InputError:
+            self.leave_graph()
+            raise
+        self._stamp = 0
+        self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction)
+        self._command, self._fault, self._measured = OFF, "", (nan, nan)
+        self._estimated = 0  # stamp of the last estimate acted on [ns]
+        self._output = Output(ExciterMode.UNCONFIGURED)
+        self._open_topics()
+        self._begin(autostart=self.settings.autostart)
+
+    def _open_topics(self) -> None:
+        lockstep = self.settings.lockstep
+        self._events = EventPublisher(self)
+        self._supervision = NodeMonitors(self, self._events.publish, self._statuses, self.settings.stale_timeout,
+                                         self._on_silence, enabled=not lockstep)  # fmt: skip
+        self._supervision.stale.watch(COMMANDS, "the excitation ramps down")
+        qos = self._supervision.qos
+        self._states = self.create_publisher(ExcitationState, STATE, STATES, event_callbacks=qos.publisher(STATE))
+        self._gate = CommandGate(self, COMMANDS, self.settings, self._publish_event)
+        subscribe(self, ExcitationCommand, COMMANDS, self._on_command, 1, event_callbacks=qos.subscription(COMMANDS))
+        subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
+        if not lockstep:
+            subscribe(self, Event, "events", self._on_event, EVENTS)
+            self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
+        supervised = self.settings.supervised and not lockstep
+        self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
+        self.create_service(Trigger, "~/stop", self._on_stop)
+
+    def _on_event(self, event: Event) -> None:
+        if event.kind == Event.STARTED:
+            self._gate.restart()
+
+    def _configure(self) -> None:
+        identity = self._drive.connect(self._now())
+        self._connected, self._fault = True, ""
+        self.get_logger().info(f"connected to {identity}; output off")
+
+    def _activate(self) -> None:
+        if self._duplicates.inhibits_motion:
+            raise ExcitationError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
+        if not self._permit.granted:
+            raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
+        self._drive.enable(self._now())
+        self._gate.armed(self._now())
+        self._active, self._fault = True, ""
+
+    def _deactivate(self) -> None:
+        """Switch the output off. One that does not confirm it is inactive all the same: nothing switches it on."""
+        self._active, self._command = False, OFF
+        self._supervision.stale.cancel()
+        try:
+            self._drive.off(self._now())
+        except OutputLostError as error:
+            self._lost(error)
+        self._publish(self._turn())
+
+    def _release(self) -> None:
+        self._active = self._connected = False
+        self._drive.close()
+
+    def _on_command(self, message: ExcitationCommand, info: dict[str, int]) -> None:
+        if self._gate.is_foreign(info):
+            if self._gate.several_senders:
+                self._ramp_down()
+            self._gate.report_foreign(message.amplitude)
+            return
+        stamp = nanoseconds_of(message.header.stamp)
+        self._gate.receive(stamp, info)
+        try:
+            command = command_of(message)
+            if not self._active and command.kind is not ExciterKind.OFF:
+                raise NotReadyError(f"{command.kind.name} refused: the excitation node is {self._state_and_remedy()}")
+            if not self._permit.granted:
+                raise NotReadyError(f"{command.kind.name} not taken up: {self._permit.reason}")
+            self._gate.check_fresh(info, self._now())
+            self._follow(command)
+        except OutputLostError as error:
+            self._lost(error)
+        except DriverError as error:
+            self._gate.refuse(message.sequence, message.amplitude, error)
+        else:
+            self._gate.accepted()
+            if command is OFF:
+                self._supervision.stale.cancel()  # nothing has to come any more
+            else:
+                self._supervision.stale.received(COMMANDS)
+
+    def _follow(self, command: Command) -> None:
+        if not self._active:
+            return
+        self._drive.follow(command, self._now())
+        if repr(command) != repr(self._command):
+            self._command = command
+            self._hold.reset()
+            kind = command.kind.name.lower()
+            of = "" if command is OFF else f" of {command.amplitude:g} at {command.frequency:g} Hz"
+            self._publish_event(Event.INFO, Event.MOVED, command.amplitude, f"excitation: {kind}{of}")
+
+    def _on_excitation(self, estimate: Excitation) -> None:
+        """Take an estimate; in lockstep, answer it."""
+        stamp = nanoseconds_of(estimate.header.stamp)
+        if not estimate.handshake:
+            usable = estimate.quality in (Quality.STEADY, Quality.TRANSIENT)
+            self._measured = (estimate.amplitude, estimate.frequency) if usable else (nan, nan)
+            self._correct(estimate, stamp)
+        if self.settings.lockstep:
+            self._stamp = stamp
+            self._publish(self._turn())
+
+    def _correct(self, estimate: Excitation, stamp: int) -> None:
+        """Let the controller act on an estimate where the output is at a command that is to be held."""
+        elapsed, self._estimated = (stamp - self._estimated) * 1e-9, stamp
+        if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not 0.0 < elapsed < 1.0:
+            return
+        self._hold.turn(self._output.wanted, self._measured, elapsed, estimate.window + LOOP_DELAY)
+        amplitude, frequency = self._hold.factors
+        self._drive.correct(amplitude, frequency, waits=self._hold.waits)
+
+    def _each_period(self) -> None:
+        if self._active and not self._permit.granted and self._command is not OFF:
+            severity = Event.INFO if self._permit.ending else Event.ALARM
+            self._publish_event(severity, Event.SUPERVISION, nan, f"the excitation ramps down: {self._permit.reason}")
+            self._ramp_down()
+        self._publish(self._turn())
+
+    def _turn(self) -> Output:
+        """Return what is put out; this keeps it alive. A device that is lost is reported, and the node inactive."""
+        try:
+            self._output = self._drive.turn(self._now())
+        except OutputLostError as error:
+            self._lost(error)
+        return self._output
+
+    def _lost(self, error: OutputLostError) -> None:
+        """Latch a fault: a person has to configure the node anew."""
+        self._output = Output(ExciterMode.FAULT)
+        if not self._fault:
+            self._fault = str(error)
+            self._publish_event(Event.ALARM, Event.FAULT, nan, f"excitation: {error}")
+        if self._active:
+            self.trigger_deactivate()
+
+    def _publish(self, output: Output) -> None:
+        amplitude, frequency = self._measured
+        mode = ExciterMode.FAULT if self._fault else output.mode
+        stamp = time_of(self._stamp) if self.settings.lockstep else self.get_clock().now().to_msg()
+        self._states.publish(ExcitationState(
+            header=Header(stamp=stamp, frame_id=self.get_name()), mode=int(mode), fault=self._fault,
+            kind=int(output.kind), sequence=output.sequence,
+            held=bool(self._command.hold and mode is ExciterMode.RUNNING and self._hold.held),
+            amplitude=output.amplitude, frequency=output.frequency, measured_amplitude=amplitude,
+            measured_frequency=frequency, output=output.volts,
+        ))  # fmt: skip
+
+    def _on_silence(self) -> None:
+        if self._supervision.stale.stale:
+            self._ramp_down()
+
+    def _ramp_down(self) -> None:
+        if self._active and self._command is not OFF:
+            self._command = OFF
+            self._drive.stop(self._now())
+
+    def _stop(self, reason: str) -> None:
+        """Switch the output off, once; it stays off until the node is activated again."""
+        self._end_starting()
+        if self._active:
+            self.trigger_deactivate()
+            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"excitation switched off: {reason}")
+
+    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop at once on request of the operator: the answer is the device's own state."""
+        self._stop("stopped by the operator")
+        try:
+            if self._connected:
+                self._drive.off(self._now())  # confirmed before, or once more
+        except OutputLostError as error:
+            response.success, response.message = False, str(error)
+        else:
+            again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
+            response.success, response.message = True, f"excitation off; {again} lets it be switched on again"
+        return response
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        output = self._output
+        values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}",
+                  "frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}",
+                  "error, with hold": f"{self._hold.error:.4f}"}  # fmt: skip
+        level = DiagnosticStatus.ERROR if self._fault else _LEVELS.get(output.mode, DiagnosticStatus.OK)
+        message = self._fault or output.mode.name.lower()
+        return [status(self, "excitation", level, message, values), self._gate.status()]
+
+    def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
+        stamp = time_of(self._stamp) if self.settings.lockstep else None
+        self._events.publish(severity, kind, text, value, stamp)
+
+    def _now(self) -> int:
+        """Return the time the output goes by [ns]: the last estimate's stamp in lockstep, else the steady clock."""
+        return self._stamp if self.settings.lockstep else time.monotonic_ns()
+
+
+main: Callable[[], int] = partial(run_node, ExcitationNode, priority=LOOP_PRIORITY)
+
+if __name__ == "__main__":
+    sys.exit(main())
