@@ -21,7 +21,7 @@ from atpid_control.stand.errors import BenchError
 from atpid_control.stand.parameters import Parameters, write_parameters
 from atpid_control.stand.parts import NODES
 from atpid_control.stand.processes import NodeProcess, Processes
-from atpid_control.stand.running import Commands, command_of
+from atpid_control.stand.running import PLAIN, Commands, command_of
 from atpid_driver.emulator import missing_tools
 from atpid_sim.scene import Scene
 
@@ -54,7 +54,11 @@ class GraphStand:
             self._nodes = stack.enter_context(Processes(commands, self._logs))
             self._watch = stack.enter_context(taking_part())
             stack.enter_context(self._nodes.motor_first())
+            # the sources begin together, once all they publish is received by a recorder
+            begin = self._recorder(point, self._place)
+            stack.callback(begin.stop)
             self._until(lambda: self._watch.blocks, _START, "the first estimate")
+            begin.stop()
             self._stack = stack.pop_all()
 
     def _emulated(self, point: Point) -> tuple[Parameters, Commands]:
@@ -68,8 +72,6 @@ class GraphStand:
         file = self._place / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board)
-        for source in ("plant_node", "labjack_node"):
-            parameters[source]["expect_recorder"] = False
         supervised = parameters["supervisor_node"]
         for names in ("nodes", "needed"):  # each point has a recorder of its own, between whose bags nothing is wrong
             supervised[names] = [name for name in supervised[names] if name != _RECORDER]
@@ -107,13 +109,13 @@ class GraphStand:
 
     def _recorder(self, point: Point, folder: Path) -> NodeProcess:
         """Start a recorder whose bag has the scene of this point."""
-        file, scene = folder / "parameters.yaml", folder / "scene.yaml"
+        file, scene = folder / "recorded.yaml", folder / "point.yaml"
         rules = self._campaign.rules
         duration = 2.0 * rules.settle_limit + rules.measure_periods / point.frequency
         scene.write_text(point.scene(self._scene, duration=duration, steady_window=[0.0, duration]).to_yaml(), "utf-8")
         own = {"bag": str(folder / "bag"), "scene": str(scene), "files": [str(file)]}
         write_parameters(self._parameters | {_RECORDER: self._parameters[_RECORDER] | own}, file)
-        name, command = command_of(NODES[_RECORDER], file)
+        name, command = command_of(NODES[_RECORDER], file, PLAIN)
         return NodeProcess(name, command, folder / "recorder.log")
 
     def rest(self, until: Callable[[], bool]) -> None:

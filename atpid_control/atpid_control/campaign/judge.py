@@ -20,11 +20,10 @@ ARRIVED, _STANDS = 5e-3, 2e-3
 _SIGMAS = 2.0
 #: Ratio of von Neumann from which readings are independent, and the least scatter of a second half over the first's.
 _RANDOM, _LASTING = 1.2, 0.6
-#: Events that spoil a point whatever the estimates are: samples or the ceiling cannot be relied on.
-SPOILING = frozenset({
-    EventKind.FAULT, EventKind.LINK, EventKind.STALE, EventKind.ABORT, EventKind.STOPPED, EventKind.DROPPED,
-    EventKind.BEHIND, EventKind.FAILED, EventKind.TWO_TONES,
-})  # fmt: skip
+#: Warnings that spoil a point whatever the estimates are; alarms do all.
+SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
+#: Alarms that are a result, not a fault of the stand.
+_RESULTS = frozenset({EventKind.RUMBLE, EventKind.DRIFT, EventKind.STEP_BACK, EventKind.FALLBACK})
 
 
 @dataclass
@@ -63,7 +62,7 @@ class Judge:
         """Take an event of the graph."""
         if severity > Severity.INFO and not self.over:
             self.events.append(f"{kind}: {text}")
-            if kind in SPOILING:
+            if kind in SPOILING or (severity == Severity.ALARM and kind not in _RESULTS):
                 self.bad = f"{kind}: {text}"
 
     def push(self, estimate: Estimate, height: float, moving: bool, recording: bool = True) -> None:

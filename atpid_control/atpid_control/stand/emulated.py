@@ -14,14 +14,15 @@ from atpid_common.injected_faults import CEILING, LINK
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.parameters import Parameters, combined
 from atpid_control.stand.parts import (
+    EXCITATION,
     FEED,
     LABJACK,
     NODES,
-    PARTS,
     SERIAL_MOTOR,
     SUPERVISOR,
     ceiling_parameters,
     own_parameters,
+    parts_of,
     program,
     supervised,
     usual_parameters,
@@ -71,8 +72,9 @@ def parameters_emulated(
         sampled["calibrations"] = [str(_load_cell(scene, place)), _CALIBRATIONS[1]]
     parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
-    parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, FEED), scene, scene_file)
-    usual = usual_parameters((*PARTS, SUPERVISOR, LABJACK, FEED), scene)
+    parts = (*parts_of(scene, lockstep=True), LABJACK, FEED)
+    parameters[SUPERVISOR.name] = supervised(parts, scene, scene_file)
+    usual = usual_parameters((*parts, SUPERVISOR), scene)
     return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
 
 
@@ -105,8 +107,9 @@ def commands_emulated(
     """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
     name, labjack = command_of(LABJACK, parameter_file, ros)
     plant, words = command_of(NODES["plant_node"], parameter_file, ros)
-    # the motor first, so that Ctrl-C switches it off at once
-    first, last = (NODES["motor_node"], SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
+    # what moves first, so that Ctrl-C switches it off at once
+    moves = (NODES["motor_node"], *((EXCITATION,) if scene.excitation.is_commanded else ()))
+    first, last = (*moves, SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
     commands = [
         *(command_of(part, parameter_file, ros) for part in first),
         (plant, [*words, "-r", f"sensors/laser:={_BEHIND}"]),
