@@ -9,6 +9,7 @@ emulated motor, and its laser signals become the voltages that the stand-in devi
 import datetime
 import math
 from pathlib import Path
+from typing import Any
 
 from atpid_common.injected_faults import CEILING, LINK
 from atpid_control.stand.errors import BenchError
@@ -18,11 +19,12 @@ from atpid_control.stand.parts import (
     FEED,
     LABJACK,
     NODES,
+    PARTS,
     SERIAL_MOTOR,
     SUPERVISOR,
     ceiling_parameters,
+    excitation_parameters,
     own_parameters,
-    parts_of,
     program,
     supervised,
     usual_parameters,
@@ -31,6 +33,7 @@ from atpid_control.stand.running import PLAIN, Commands, RosOptions, command_of
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.standins.build import build, environment
 from atpid_driver.standins.control import Control
+from atpid_driver.standins.outputs import Outputs
 from atpid_sim.scene import Scene
 
 #: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.
@@ -72,10 +75,33 @@ def parameters_emulated(
         sampled["calibrations"] = [str(_load_cell(scene, place)), _CALIBRATIONS[1]]
     parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
-    parts = (*parts_of(scene, lockstep=True), LABJACK, FEED)
-    parameters[SUPERVISOR.name] = supervised(parts, scene, scene_file)
-    usual = usual_parameters((*parts, SUPERVISOR), scene)
+    excited = (EXCITATION,) if scene.excitation.is_commanded else ()
+    if excited:
+        own = (given or {}).get(EXCITATION.name, {})
+        parameters[EXCITATION.name], more = _exciter(scene, place, excitation_parameters(scene) | own)
+        parameters["feed_node"] |= more
+    parameters[SUPERVISOR.name] = supervised((*PARTS, *excited, LABJACK, FEED), scene, scene_file)
+    usual = usual_parameters((*PARTS, *excited, SUPERVISOR, LABJACK, FEED), scene)
     return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
+
+
+def _exciter(scene: Scene, place: Path, own: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the parameters of the excitation node and those of the feed: a shaker, or an eccentric drive.
+
+    own: of the excitation node, whose backend may be labjack_dac; each is calibrated over 0 to 5 V.
+    """
+    level, most = own["backend"] == "labjack_dac", own["highest_amplitude"]
+    top = own["highest_frequency"] if level else 3.0 * most  # a controller may need more than the command
+    calibration = Calibration(
+        channel="drive_frequency" if level else "drive_amplitude", sensor="emulated", serial="none",
+        date=datetime.date(2026, 11, 24), source="definition", unit="Hz" if level else scene.driven_by.unit,
+        coefficients=(0.0, top / 5.0) if level else (-top, top / 2.5), limits_volts=(0.0, 5.0),
+    )  # fmt: skip
+    path = place / "exciter.yaml"
+    save(calibration, path)
+    backend = "labjack_dac" if level else "labjack_stream"
+    node = own | {"backend": backend, "calibration": str(path), "supervised": True}
+    return node, {"output": str(place / "output"), "output_calibration": str(path), "disc": most if level else 0.0}
 
 
 def _load_cell(scene: Scene, place: Path) -> Path:
@@ -107,16 +133,27 @@ def commands_emulated(
     """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
     name, labjack = command_of(LABJACK, parameter_file, ros)
     plant, words = command_of(NODES["plant_node"], parameter_file, ros)
-    # what moves first, so that Ctrl-C switches it off at once
-    moves = (NODES["motor_node"], *((EXCITATION,) if scene.excitation.is_commanded else ()))
-    first, last = (*moves, SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
+    # the motor first, so that Ctrl-C switches it off at once
+    first, last = (NODES["motor_node"], SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
     commands = [
         *(command_of(part, parameter_file, ros) for part in first),
-        (plant, [*words, "-r", f"sensors/laser:={_BEHIND}"]),
+        (plant, [*words, "-r", f"sensors/laser:={_BEHIND}", "-r", "excitation/state:=emulated/excitation/state"]),
         (name, ["env", *_device_environment(place), *labjack]),
         *(command_of(part, parameter_file, ros) for part in last),
     ]
+    if scene.excitation.is_commanded:
+        exciter, words = command_of(EXCITATION, parameter_file, ros)
+        commands.insert(1, (exciter, ["env", *_exciter_environment(place), *words]))
     return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
+
+
+def _exciter_environment(place: Path) -> list[str]:
+    """Return the environment of the device that excites, which is another one than that of the lasers."""
+    control = place / "exciter"
+    Control(control).close()
+    Outputs(place / "output")
+    values = environment(build(), ljm_control=control, ljm_output=place / "output")
+    return [f"{name}={value}" for name, value in values.items()]
 
 
 def _device_environment(place: Path) -> list[str]:

@@ -72,6 +72,23 @@ def skew_s(rate: float, channels: int) -> tuple[float, ...]:
     return tuple(step * position for position in range(channels))
 
 
+def call(ljm: Any, name: str, *arguments: object) -> Any:
+    """Call LJM; raise its errors as an AcquisitionError: one line, the code, what to do."""
+    try:
+        return getattr(ljm, name)(*arguments)
+    except ljm.LJMError as error:
+        kind, hint = HINTS.get(error.errorCode, (errors.StreamLostError, "see LabJack's list of LJM error codes"))
+        raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None
+
+
+def open_t7(ljm: Any, connection: str, serial: int) -> int:
+    """Return a handle of the T7 asked for; failing that of any T7, so that a wrong one is distinguished from none."""
+    if serial:
+        with contextlib.suppress(errors.DeviceMissingError):
+            return int(call(ljm, "openS", "T7", connection, serial))
+    return int(call(ljm, "openS", "T7", connection, "ANY"))
+
+
 class LabJackAcquisition(Device):
     """One T7. See Acquisition for what each call promises."""
 
@@ -84,7 +101,7 @@ class LabJackAcquisition(Device):
         """Connect over `connection` and check the serial number."""
         settings = self._settings
         self._ljm = load_ljm(settings.library)
-        self._handle = self._find()
+        self._handle = open_t7(self._ljm, settings.connection, settings.serial)
         serial = self._call("getHandleInfo", self._handle)[2]
         self._check_serial("the T7 has", serial)
         return DeviceIdentity("labjack", serial)
@@ -123,14 +140,6 @@ class LabJackAcquisition(Device):
         self._call_ignoring(GONE | STOPPED_ALREADY, "close")
         self._handle = None
 
-    def _find(self) -> int:
-        """Open the T7 asked for; failing that any T7, so that a wrong one is distinguished from none."""
-        settings = self._settings
-        if settings.serial:
-            with contextlib.suppress(errors.DeviceMissingError):
-                return int(self._call("openS", "T7", settings.connection, settings.serial))
-        return int(self._call("openS", "T7", settings.connection, "ANY"))
-
     def _configure(self) -> None:
         settings = self._settings
         registers: dict[str, float] = {
@@ -156,9 +165,4 @@ class LabJackAcquisition(Device):
                 raise
 
     def _call(self, name: str, *arguments: object) -> Any:
-        """Call LJM; raise its errors as an AcquisitionError: one line, the code, what to do."""
-        try:
-            return getattr(self._ljm, name)(*arguments)
-        except self._ljm.LJMError as error:
-            kind, hint = HINTS.get(error.errorCode, (errors.StreamLostError, "see LabJack's list of LJM error codes"))
-            raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None
+        return call(self._ljm, name, *arguments)

@@ -35,6 +35,7 @@ from atpid_driver.excitation.drive import Output
 from atpid_driver.excitation.errors import CommandRefusedError, ExcitationError, NotReadyError, OutputLostError
 from atpid_driver.excitation.hold import Hold
 from atpid_driver.excitation.signals import OFF, Command
+from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
 from atpid_driver.nodes.authority import MotionPermit
 from atpid_driver.nodes.command_gate import CommandGate
 from atpid_driver.nodes.motor_interface import row_of
@@ -68,7 +69,7 @@ class ExcitationNode(SupervisedNode):
         super().__init__("excitation_node", **kwargs)
         try:
             self.settings = ExcitationSettings(**declare(self, TABLE))
-            self._drive = drive_of(self.settings)
+            self._drive = drive_of(self.settings, shipped_calibrations)
         except InputError:
             self.leave_graph()
             raise

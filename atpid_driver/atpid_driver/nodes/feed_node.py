@@ -4,7 +4,8 @@
 It subscribes to the plant's sensor topic, remapped to `emulated/...`, and writes a `Feed`. Until the plant starts
 and after it has finished it feeds the last displacement at the sensor's rate. The plant's
 `ceiling/state` is remapped too: this node republishes the motor's states and answers the plant's handshake, but not
-before the real device streams, so that the stand records the run from its first instant.
+before the real device streams, so that the stand records the run from its first instant. Where a device excites, its
+voltage becomes the plant's `emulated/excitation/state`.
 """
 
 import sys
@@ -31,6 +32,8 @@ from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver import DriverError
 from atpid_driver.calibration.convert import volts_of
 from atpid_driver.nodes.acquisition_parameters import calibrations_of, check_topic
+from atpid_driver.nodes.emulated_exciter import PARAMETERS as EXCITER
+from atpid_driver.nodes.emulated_exciter import EmulatedExciter
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
 
@@ -51,6 +54,7 @@ PARAMETERS = (
     ),
     Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+    *EXCITER,
 )
 
 
@@ -63,6 +67,8 @@ class FeedNode(Node):
         try:
             values = declare(self, PARAMETERS)
             check_topic(self, values["topic"])
+            if values["output"]:
+                self._exciter = EmulatedExciter(self, values, f"{EMULATED}/excitation/state")
             self.feed = self._made(values)
         except InputError:
             super().destroy_node()

@@ -43,6 +43,7 @@ def environment(
     *,
     ljm_source: str = "",
     ljm_control: Path | None = None,
+    ljm_output: Path | None = None,
     daqmx_source: str = "",
     daqmx_control: Path | None = None,
 ) -> dict[str, str]:
@@ -52,6 +53,7 @@ def environment(
         "LD_LIBRARY_PATH": path,
         "ATPID_LJM_SOURCE": ljm_source,
         "ATPID_LJM_CONTROL": str(ljm_control or ""),
+        "ATPID_LJM_OUTPUT": str(ljm_output or ""),
         "ATPID_DAQMX_SOURCE": daqmx_source,
         "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
     }

@@ -2,7 +2,8 @@
  *
  * A stand-in for LabJack's libLabJackM.so with one T7 behind it, so that the real labjack.ljm package runs without
  * a device. Only the calls that package makes for opening, registers and streaming exist. Environment:
- * ATPID_LJM_SOURCE (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH) and ATPID_LJM_CONTROL (see control.py).
+ * ATPID_LJM_SOURCE (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_LJM_CONTROL (see control.py) and
+ * ATPID_LJM_OUTPUT (see outputs.py).
  */
 #include "standin.h"
 
@@ -28,7 +29,10 @@ typedef struct {
     int open, streaming, scans_per_read, overlap;
     Control identity; /* serial and number of unplugs at the time of opening */
     Stream stream;
+    Output *output;
 } Device;
+
+#define STREAM_OUT0 4800
 
 static Device devices[HANDLES];
 static struct { char name[48]; double value; } registers[REGISTERS];
@@ -41,6 +45,11 @@ static Device *device_of(int handle) {
 static int present(const Device *device) {
     const Control *control = device->stream.control;
     return control->plugged && control->unplugs == device->identity.unplugs;
+}
+
+/* Any call sets the device's watchdog back. */
+static void contact(const Device *device) {
+    if (device->output != NULL) __atomic_store_n(&device->output->contact_ns, now_ns(), __ATOMIC_RELEASE);
 }
 
 static double register_value(const char *name, double fallback) {
@@ -56,7 +65,10 @@ static int address_of(const char *name) {
         {"AIN_ALL_RANGE", 43900}, {"AIN_ALL_NEGATIVE_CH", 43902}, {"STREAM_SETTLING_US", 4008},
         {"STREAM_RESOLUTION_INDEX", 4010}, {"STREAM_BUFFER_SIZE_BYTES", 4012}, {"STREAM_CLOCK_SOURCE", 4014},
         {"STREAM_TRIGGER_INDEX", 4024}, {"SERIAL_NUMBER", 60028}, {"FIRMWARE_VERSION", 60004},
-        {"PRODUCT_ID", 60000}, {"STREAM_ENABLE", 4990},
+        {"PRODUCT_ID", 60000}, {"STREAM_ENABLE", 4990}, {"DAC0", 1000}, {"DAC1", 1002},
+        {"WATCHDOG_ENABLE_DEFAULT", 61600}, {"WATCHDOG_TIMEOUT_S_DEFAULT", 61604},
+        {"WATCHDOG_RESET_ENABLE_DEFAULT", 61620}, {"WATCHDOG_DAC0_ENABLE_DEFAULT", 61640},
+        {"WATCHDOG_DAC0_DEFAULT", 61642}, {"WATCHDOG_DAC1_ENABLE_DEFAULT", 61650}, {"WATCHDOG_DAC1_DEFAULT", 61652},
     };
     for (size_t i = 0; i < sizeof KNOWN / sizeof KNOWN[0]; i++) {
         if (strcmp(name, KNOWN[i].name) == 0) return KNOWN[i].address;
@@ -69,6 +81,25 @@ static int address_of(const char *name) {
     if (strcmp(end, "_RANGE") == 0) return 40000 + (int)channel * 2;
     if (strcmp(end, "_NEGATIVE_CH") == 0) return 41000 + (int)channel;
     return -1;
+}
+
+/* Reads or writes a register of the outputs and their watchdog; 0: it is none. */
+static int output_register(Output *output, const char *name, double *value, int write) {
+    uint32_t *number = NULL;
+    double *volts = NULL;
+    int which = strchr(name, '1') != NULL;
+    if (output == NULL) return 0;
+    if (strcmp(name, "DAC0") == 0 || strcmp(name, "DAC1") == 0) volts = &output->volts[which];
+    else if (strcmp(name, "WATCHDOG_ENABLE_DEFAULT") == 0) number = &output->watchdog;
+    else if (strcmp(name, "WATCHDOG_TIMEOUT_S_DEFAULT") == 0) number = &output->watchdog_s;
+    else if (strcmp(name, "WATCHDOG_RESET_ENABLE_DEFAULT") == 0) number = &output->watchdog_resets;
+    else if (strncmp(name, "WATCHDOG_DAC", 12) != 0) return 0;
+    else if (strstr(name, "_ENABLE_") != NULL) number = &output->watchdog_sets[which];
+    else volts = &output->watchdog_volts[which];
+    if (volts != NULL && write) *volts = *value < 0.0 ? 0.0 : *value > 5.0 ? 5.0 : *value;
+    if (number != NULL && write) *number = (uint32_t)*value;
+    if (!write) *value = volts != NULL ? *volts : (double)*number;
+    return 1;
 }
 
 int LJM_OpenS(const char *type, const char *connection, const char *identifier, int *handle) {
@@ -97,6 +128,8 @@ int LJM_OpenS(const char *type, const char *connection, const char *identifier, 
         device->open = 1;
         device->identity = *control;
         device->stream.control = control;
+        device->output = output_open("ATPID_LJM_OUTPUT");
+        contact(device);
         *handle = i + 1;
         pthread_mutex_unlock(&lock);
         return 0;
@@ -140,7 +173,9 @@ int LJM_eWriteName(int handle, const char *name, double value) {
     if (device == NULL) return NOT_OPEN;
     if (!present(device)) return RECONNECT_FAILED;
     if (address_of(name) < 0) return INVALID_NAME;
+    contact(device);
     if (device->streaming && strncmp(name, "STREAM_", 7) == 0) return STREAM_ACTIVE;
+    if (output_register(device->output, name, &value, 1)) return 0;
     for (int i = 0; i < REGISTERS; i++) {
         if (registers[i].name[0] != 0 && strcmp(registers[i].name, name) != 0) continue;
         snprintf(registers[i].name, sizeof registers[i].name, "%s", name);
@@ -166,9 +201,22 @@ int LJM_eReadName(int handle, const char *name, double *value) {
     if (device == NULL) return NOT_OPEN;
     if (!present(device)) return RECONNECT_FAILED;
     if (address_of(name) < 0) return INVALID_NAME;
+    contact(device);
+    if (output_register(device->output, name, value, 0)) return 0;
     int reads_input = strncmp(name, "AIN", 3) == 0 && strchr(name, '_') == NULL;
     if (reads_input && device->streaming) return STREAM_ACTIVE; /* the converter belongs to the stream */
     *value = strcmp(name, "SERIAL_NUMBER") == 0 ? (double)device->identity.serial : register_value(name, 0.0);
+    return 0;
+}
+
+int LJM_eReadNames(int handle, int count, const char *const *names, double *values, int *bad) {
+    for (int i = 0; i < count; i++) {
+        int error = LJM_eReadName(handle, names[i], &values[i]);
+        if (error != 0) {
+            *bad = address_of(names[i]);
+            return error;
+        }
+    }
     return 0;
 }
 
@@ -193,6 +241,32 @@ static double most_samples(void) {
     return index < 0 || index > 8 ? 0.0 : LIMIT[index];
 }
 
+int LJM_InitializeAperiodicStreamOut(int handle, int index, int target, double rate) {
+    const Device *device = device_of(handle);
+    if (device == NULL) return NOT_OPEN;
+    if (!present(device)) return RECONNECT_FAILED;
+    if (device->output == NULL || index != 0 || (target != 1000 && target != 1002)) return INVALID_ADDRESS;
+    device->output->target = target == 1002;
+    device->output->rate = rate;
+    device->output->written = 0;
+    contact(device);
+    return 0;
+}
+
+int LJM_WriteAperiodicStreamOut(int handle, int index, int count, const double *volts, int *room) {
+    const Device *device = device_of(handle);
+    if (device == NULL) return NOT_OPEN;
+    if (!present(device)) return RECONNECT_FAILED;
+    if (device->output == NULL || index != 0) return INVALID_ADDRESS;
+    Output *output = device->output;
+    double *queue = (double *)((char *)output + 4096);
+    for (int i = 0; i < count; i++) queue[(output->written + (uint64_t)i) % STANDIN_QUEUE] = volts[i];
+    __atomic_store_n(&output->written, output->written + (uint64_t)count, __ATOMIC_RELEASE);
+    *room = STANDIN_QUEUE - count;
+    contact(device);
+    return 0;
+}
+
 int LJM_eStreamStart(int handle, int scans_per_read, int channels, const int *addresses, double *rate) {
     Device *device = device_of(handle);
     if (device == NULL) return NOT_OPEN;
@@ -200,6 +274,13 @@ int LJM_eStreamStart(int handle, int scans_per_read, int channels, const int *ad
     if (device->streaming) return STREAM_ACTIVE;
     if (channels < 1 || channels > STANDIN_MAX_CHANNELS || scans_per_read < 1 || !(*rate > 0.0) || most_samples() == 0.0) {
         return CONFIG_INVALID;
+    }
+    if (device->output != NULL && channels == 1 && addresses[0] == STREAM_OUT0) {
+        device->output->rate = *rate = 1e7 / round(1e7 / *rate);
+        device->output->start_ns = now_ns();
+        device->output->streams = (uint32_t)(device->streaming = 1);
+        contact(device);
+        return 0;
     }
     for (int i = 0; i < channels; i++) {
         if (addresses[i] < 0 || addresses[i] > 26 || addresses[i] % 2 != 0) return INVALID_ADDRESS;
@@ -250,8 +331,11 @@ int LJM_eStreamRead(int handle, double *data, int *device_backlog, int *host_bac
 int LJM_eStreamStop(int handle) {
     Device *device = device_of(handle);
     if (device == NULL) return NOT_OPEN;
-    if (!device->streaming) return NOT_RUNNING;
+    int streams_out = device->output != NULL && device->output->streams; /* also that of a process that was killed */
+    if (!device->streaming && !streams_out) return NOT_RUNNING;
     device->streaming = 0;
+    if (streams_out) device->output->streams = 0;
+    contact(device);
     return 0;
 }
 

@@ -64,6 +64,23 @@ typedef struct {
     int32_t fail_code;
 } Stream;
 
+#define STANDIN_OUTPUTS 2
+#define STANDIN_QUEUE 65536
+
+/* What a device puts out, written by the library and read by outputs.py, which acts its watchdog: see there. */
+typedef struct {
+    char magic[8]; /* "ATPIDOU1" */
+    uint32_t watchdog, watchdog_s, watchdog_resets, streams, target, unused;
+    uint32_t watchdog_sets[STANDIN_OUTPUTS];
+    double watchdog_volts[STANDIN_OUTPUTS], volts[STANDIN_OUTPUTS];
+    int64_t contact_ns; /* of the last call, by the monotonic clock */
+    double rate;        /* of the streamed samples */
+    int64_t start_ns;   /* of the stream */
+    uint64_t written;   /* samples so far, stored after the data, which begin at byte 4096 */
+} Output;
+
+int64_t now_ns(void);
+Output *output_open(const char *variable); /* the file named by an environment variable; NULL: there is none */
 const Control *control_open(const char *variable); /* the file named by an environment variable, or a healthy device */
 int source_open(Source *source, const char *specification); /* 0, or -1 if a feed is not there */
 void source_close(Source *source);
