@@ -54,11 +54,10 @@ class GraphStand:
             self._nodes = stack.enter_context(Processes(commands, self._logs))
             self._watch = stack.enter_context(taking_part())
             stack.enter_context(self._nodes.motor_first())
-            # the sources begin together, once all they publish is received by a recorder
-            begin = self._recorder(point, self._place)
-            stack.callback(begin.stop)
+            # the device, which is not simulated, begins once the plant behind it waits for it
+            self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "plant and exciter")
+            self._watch.start("labjack_node")
             self._until(lambda: self._watch.blocks, _START, "the first estimate")
-            begin.stop()
             self._stack = stack.pop_all()
 
     def _emulated(self, point: Point) -> tuple[Parameters, Commands]:
@@ -72,6 +71,8 @@ class GraphStand:
         file = self._place / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board)
+        parameters["plant_node"]["expect_recorder"] = False
+        parameters["labjack_node"] |= {"expect_recorder": False, "autostart": False}
         supervised = parameters["supervisor_node"]
         for names in ("nodes", "needed"):  # each point has a recorder of its own, between whose bags nothing is wrong
             supervised[names] = [name for name in supervised[names] if name != _RECORDER]

@@ -11,9 +11,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, Excitation, ExcitationCommand, ExcitationState, RecorderStatus
+from atpid_interfaces.msg import CeilingState, Event, Excitation, ExcitationCommand, ExcitationState, PlantTruth, RecorderStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, STATUS, STEADY
@@ -39,6 +43,7 @@ class CampaignWatch(BenchWatch):
         self.received: deque[Any] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
         self.blocks = 0
+        self.plant = False  # whether a simulated one waits for its loop
         self._wanted = ExcitationCommand(kind=ExcitationCommand.OFF)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", STATES)
         for kind, topic, profile in (
@@ -46,6 +51,7 @@ class CampaignWatch(BenchWatch):
             (ExcitationState, "excitation/state", STATES), (RecorderStatus, "recorder/status", STATUS),
         ):  # fmt: skip
             subscribe(self, kind, topic, self._on_message, profile)
+        subscribe(self, PlantTruth, "plant/truth", self._on_plant, STATES)
         self._parameters = self.create_client(SetParameters, "selector_node/set_parameters")
         self._timer = self.create_timer(_PERIOD, self._command, clock=STEADY)
 
@@ -63,13 +69,32 @@ class CampaignWatch(BenchWatch):
         """Let the selector send the ceiling to `height` [m], or for 0 where `method` has it. Raises BenchError."""
         values = {"manual_height": height} | ({"method": method} if method else {})
         made = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        answer, deadline = self._parameters.call_async(SetParameters.Request(parameters=made)), time.monotonic() + _ANSWER
-        while not answer.done():
-            time.sleep(_LOOK)
-            if time.monotonic() > deadline:
-                raise BenchError(f"the selector has not answered within {_ANSWER:g} s")
-        if refused := [result.reason for result in answer.result().results if not result.successful]:
+        answer = self._answer(self._parameters, SetParameters.Request(parameters=made), "selector_node")
+        if refused := [result.reason for result in answer.results if not result.successful]:
             raise BenchError(f"the selector refuses {values}: {refused[0]}")
+
+    def start(self, name: str) -> None:
+        """Configure and activate a lifecycle node. Raises BenchError."""
+        client = self.create_client(ChangeState, f"{name}/change_state")
+        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            request = ChangeState.Request(transition=Transition(id=transition))
+            if not self._answer(client, request, name).success:
+                raise BenchError(f"{name} cannot be started: see its log")
+
+    def _answer(self, client: Client, request: Any, name: str) -> Any:
+        """Return the answer of a service. Raises BenchError: there is none."""
+        answer: Future | None = None
+        deadline = time.monotonic() + _ANSWER
+        while answer is None or not answer.done():
+            if answer is None and client.service_is_ready():
+                answer = client.call_async(request)
+            if time.monotonic() > deadline:
+                raise BenchError(f"{name} has not answered within {_ANSWER:g} s")
+            time.sleep(_LOOK)
+        return answer.result()
+
+    def _on_plant(self, _message: PlantTruth) -> None:
+        self.plant = True
 
     def _command(self) -> None:
         self._wanted.header.stamp = self.get_clock().now().to_msg()
