@@ -9,7 +9,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from atpid_common.vocabulary import Mode
+from atpid_common.middleware import named_domain
+from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
 from atpid_control.campaign.judge import Judge
 from atpid_control.campaign.plan import Campaign, Point
@@ -33,7 +34,12 @@ _LOOK = 0.02
 #: Until the excitation has ramped down at the end [s].
 _RAMP_DOWN = 10.0
 #: What is off, and stays so until a person arms it.
-_OFF = {Mode.FAULT: "in fault", Mode.DISARMED: "disarmed", Mode.UNCONFIGURED: "not connected"}
+_OFF = {
+    "motor": {Mode.FAULT: "in fault", Mode.DISARMED: "disarmed", Mode.UNCONFIGURED: "not connected"},
+    "exciter": {ExciterMode.FAULT: "in fault", ExciterMode.UNCONFIGURED: "not connected"},
+}
+#: Of an exciter with an output.
+_DRIVEN = (ExciterMode.RAMPING, ExciterMode.RUNNING, ExciterMode.STOPPING)
 
 
 class GraphStand:
@@ -49,7 +55,8 @@ class GraphStand:
         os.environ["ROS_LOG_DIR"] = str(self._logs)
         with ExitStack() as stack:
             self._place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="atpid-campaign-")))
-            stack.enter_context(own_domain())
+            domain = stack.enter_context(own_domain(named_domain()))
+            to_stderr(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}")
             self._parameters, commands = self._emulated(point)
             self._nodes = stack.enter_context(Processes(commands, self._logs))
             self._watch = stack.enter_context(taking_part())
@@ -128,15 +135,17 @@ class GraphStand:
 
     def fault(self) -> str:
         """See `Stand.fault`."""
-        state = self._watch.ceiling
-        return f"the motor is {_OFF[state.mode]}: {state.fault or 'armed by a person only'}" if state.mode in _OFF else ""
+        watch = self._watch
+        for name, state in (("motor", watch.ceiling), ("exciter", watch.exciter)):
+            if state.mode in _OFF[name]:
+                return f"the {name} is {_OFF[name][state.mode]}: {state.fault or 'a person has to arm it'}"
+        return ""
 
     def close(self) -> None:
         """Ramp the excitation down, then stop the motor first and all others."""
         with self._stack:
             self._watch.excite(0.0, 0.0)
-            quiet = self._watch.exciter.__class__.OFF
-            self._until(lambda: self._watch.exciter.mode <= quiet, _RAMP_DOWN, "the end of the excitation")
+            self._until(lambda: self._watch.exciter.mode not in _DRIVEN, _RAMP_DOWN, "the end of the excitation")
 
     def _until(self, happened: Callable[[], Any], timeout: float, what: str) -> None:
         deadline = time.monotonic() + timeout
