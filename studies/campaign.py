@@ -59,7 +59,7 @@ CAMPAIGN: dict[str, Any] = {
     "frequency_ratios": [0.97, 1.0, 1.03],
     "heights": ["closed", 0.08, 0.12, 0.16, 0.2],
     "grain_masses": [0.0362, 0.06],
-    "rules": {"settle_limit": 40.0, "repeat_bad": 5},
+    "rules": {"settle_limit": 40.0, "repeat_bad": 20},
 }
 #: The campaign may take so long at most [s].
 _LONGEST = 3600.0
