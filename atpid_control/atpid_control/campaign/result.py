@@ -11,7 +11,7 @@ import numpy as np
 
 from atpid_control.campaign.judge import Judge
 from atpid_control.campaign.plan import Campaign, Point
-from atpid_control.runs.run import Run, open_run
+from atpid_control.runs.run import open_run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import steady_state
 from atpid_sim.scene import Scene
@@ -29,6 +29,9 @@ _LONG, _USED, _SAMPLES = 60.0, 40.0, 400.0
 _RAMP = 0.5
 #: The fourth difference of white noise over its standard deviation, and of that over the median of its size.
 _FOURTH, _MEDIAN = math.sqrt(70.0), 1.4826
+#: What a point is simulated with.
+GIVEN = ("excitation_amplitude", "excitation_frequency", "height", "excitation_amplitude_std",
+         "excitation_frequency_std")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,8 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
         "excitation_frequency": frequency[0], "excitation_frequency_std": frequency[1],
         "height": float(np.median(judge.heights)), "beam_amplitude": found.value, "beam_amplitude_std": found.std,
         "scatter": found.scatter, "regular": found.scatter < IRREGULAR, "begin": begin, "end": end,
-        "samples": int(inside.size), "settled_after": judge.settled_after, "missing": _missing(run),
+        "samples": int(inside.size), "settled_after": judge.settled_after, "missing": run.missing,
     }  # fmt: skip
-
-
-def _missing(run: Run) -> list[str]:
-    return run.missing
 
 
 def simulated(campaign: Campaign, scene: Scene, point: Point, record: Mapping[str, Any]) -> dict[str, float]:
@@ -90,19 +89,19 @@ def simulated(campaign: Campaign, scene: Scene, point: Point, record: Mapping[st
     excitation and height come to; that of the closed damper beside it has none.
     """
     own = point.scene(scene)
-    given = [record["excitation_amplitude"], record["excitation_frequency"], record["height"]]
-    errors = [record["excitation_amplitude_std"], record["excitation_frequency_std"], campaign.height_std]
-    value, chance = steady_amplitude(own, *given, campaign.rules.measure_periods)
+    *values, amplitude_std, frequency_std = (record[name] for name in GIVEN)
+    given, errors = list(values), [amplitude_std, frequency_std, campaign.height_std]
+    found, chance = steady_amplitude(own, *given, campaign.rules.measure_periods)
     parts = [chance]
     lowest = 2.0 * own.grain.radius
     for place, error in enumerate(errors):
         beside = list(given)
         beside[place] += error
         if error > 0.0 and not (place == 2 and given[2] <= lowest + 2.0 * error):  # a closed ceiling holds the grain
-            parts.append(abs(steady_amplitude(own, *beside, campaign.rules.measure_periods)[0] - value))
-    amplitude, frequency, _ = given
+            parts.append(abs(steady_amplitude(own, *beside, campaign.rules.measure_periods)[0] - found))
+    amplitude, frequency, _ = values
     return {
-        "simulated_amplitude": value, "simulated_amplitude_std": math.hypot(*parts),
+        "simulated_amplitude": found, "simulated_amplitude_std": math.hypot(*parts),
         "closed_amplitude": own.linear_amplitude(amplitude, frequency, grain=True),
         "bare_amplitude": own.linear_amplitude(amplitude, frequency, grain=False),
     }  # fmt: skip
