@@ -53,6 +53,7 @@ COMMANDS: Commands = {
             f"{_CONTROL}.calibrate_contact",
             "restitution and modulus of a contact from a drop or run",
         ),
+        "calibrate campaign": (f"{_CONTROL}.campaign:MODEL", "a stand's model from its campaign: mass, beam, restitution"),
     },
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),

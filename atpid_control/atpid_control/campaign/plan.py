@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -16,7 +16,7 @@ from pydantic import Field, Strict, Tag, ValidationError, model_validator
 from atpid_common.errors import InputError
 from atpid_common.files import FileError, read_text
 from atpid_sim.fields import Hertz, Length, LocatedPath, Mass, Number, SceneBlock, Words, by_type, impossible, within
-from atpid_sim.scene import Scene, load_scene
+from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.scene.explain import decimal_comma, explained
 from atpid_sim.scene.yaml12 import read_yaml
 
@@ -170,6 +170,12 @@ def read_campaign(path: Path) -> tuple[Campaign, Scene]:
         if isinstance(height, float) and not low <= height <= high:
             raise CampaignError(f"{path}: heights: given {height:g} m; allowed: the ceiling's range, {low:g} to {high:g} m")
     return campaign, scene
+
+
+def campaign_in(plan: Mapping[str, Any], folder: Path) -> tuple[Campaign, Scene]:
+    """Return the campaign and the scene that the plan in a folder keeps."""
+    campaign = Campaign.model_validate({**plan["campaign"], "scene": folder})
+    return campaign, scene_from_mapping(plan["scene"], source=f"the scene in {folder}", folder=folder)
 
 
 def points_of(campaign: Campaign, scene: Scene) -> list[Point]:
