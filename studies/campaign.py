@@ -75,6 +75,11 @@ class Injected:
     begin: float = math.nan
     end: float = math.nan
 
+    @property
+    def spoils(self) -> bool:
+        """Whether a measurement during it cannot be right; one that was killed leaves none."""
+        return "kill" not in self.what
+
 
 class Running:
     """The campaign's process, what it prints, and its devices."""
@@ -95,7 +100,7 @@ class Running:
 
     def children(self) -> dict[str, int]:
         """Return the processes of the stand, by the name of their program."""
-        found = {}
+        found: dict[str, int] = {}
         for task in Path(f"/proc/{self.process.pid}/task").glob("*/children"):
             for child in map(int, task.read_text().split()):
                 words = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
@@ -109,6 +114,10 @@ class Running:
         values = Path(f"/proc/{self.children()['labjack_node']}/environ").read_bytes().decode().split("\0")
         return Control(next(Path(value.partition("=")[2]) for value in values if value.endswith("/device")))
 
+    def kill(self) -> None:
+        """Kill the campaign itself."""
+        self.process.kill()
+
     def stop_for(self, name: str, seconds: float) -> None:
         """Let a process, or what it stands for, not answer for some seconds."""
         process = self.children()[name]
@@ -117,7 +126,7 @@ class Running:
         os.kill(process, signal.SIGCONT)
 
 
-def laser(running: Running, kind: str) -> None:
+def laser(kind: str) -> None:
     """Disturb a laser for three seconds."""
     for value in (f"['{kind} off 0 1000000']", "['']"):
         words = [str(program()), "ros", "param", "set", "/plant_node", "faults", value]
@@ -128,8 +137,8 @@ def laser(running: Running, kind: str) -> None:
 DOMAIN = [""]
 #: One fault a device.
 FAULTS: dict[str, Callable[[Running], None]] = {
-    "support laser: no reading for 3 s": lambda running: laser(running, "support_laser"),
-    "beam laser: no reading for 3 s": lambda running: laser(running, "beam_laser"),
+    "support laser: no reading for 3 s": lambda _: laser("support_laser"),
+    "beam laser: no reading for 3 s": lambda _: laser("beam_laser"),
     "T7: 500 scans lost": lambda running: running.device().drop(500),
     "motor board: no answer for 2 s": lambda running: running.stop_for("board", 2.0),
     "exciter: its process stands for 3 s": lambda running: running.stop_for("excitation_node", 3.0),
@@ -181,7 +190,7 @@ def _run(folder: Path, chance: random.Random) -> list[Injected]:
             print(f"injected: {what}", file=sys.stderr)
             one = Injected(what, time.time())
             try:
-                FAULTS.get(what, lambda running: running.process.kill())(running)
+                FAULTS.get(what, Running.kill)(running)
             except (KeyError, OSError, subprocess.CalledProcessError) as error:  # gone between two points
                 print(f"not injected, again later: {error!r}", file=sys.stderr)
                 plan.insert(0, (points, what))
@@ -220,8 +229,8 @@ def _judge(folder: Path) -> int:
     broken, inside, measured = [], 0, 0
     places = sorted((folder / "points" / "points").iterdir())
     records = [json.loads((place / "point.json").read_text()) for place in places]
-    if (numbers := sorted(record["number"] for record in records)) != [point.number for point in
-                                                                       sorted(points, key=lambda one: one.number)]:  # fmt: skip
+    numbers = sorted(record["number"] for record in records)
+    if numbers != sorted(point.number for point in points):
         broken.append(f"{len(points)} points wanted, there are {numbers}")
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in ("point", "measured [m]", "±", "simulated [m]", "±", "apart [σ]", "attempt"):
@@ -232,8 +241,11 @@ def _judge(folder: Path) -> int:
             broken.append(f"skipped: {point.text}: {record['reason']}")
             continue
         begin, end = _span(place, record)
-        broken += [f"{point.text}: measured during {one.what}" for one in injected
-                   if one.begin < end and begin < one.end and "kill -9" not in one.what and "recorder" not in one.what]  # fmt: skip
+        broken += [
+            f"{point.text}: measured during {one.what}"
+            for one in injected
+            if one.begin < end and begin < one.end and one.spoils
+        ]
         broken += _verified(place / "bag")
         beside = simulated(campaign, scene, point, record)
         error = math.hypot(record["beam_amplitude_std"], beside["simulated_amplitude_std"])
@@ -252,8 +264,9 @@ def _judge(folder: Path) -> int:
     for line in broken:
         console.print(f"BROKEN: {line}")
     share = inside / measured if measured else 0.0
-    console.print(f"{measured} of {len(points)} points measured, {len(bad)} bad attempts, {len(injected)} faults and "
-                  f"kills; within {_SIGMAS:g} standard deviations of simulation: {inside} ({100.0 * share:.1f} %)")  # fmt: skip
+    counts = f"{len(bad)} bad attempts, {len(injected)} faults and kills"
+    console.print(f"{measured} of {len(points)} points measured, {counts}; within {_SIGMAS:g} standard deviations of "
+                  f"simulation: {inside} ({100.0 * share:.1f} %)")  # fmt: skip
     return int(bool(broken) or share < 0.95)
 
 

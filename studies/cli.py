@@ -35,7 +35,10 @@ COMMANDS: Commands = {
         "soak": ("studies.soak.command", "run the bench for hours: what grows, what is lost, which rule is broken"),
         "stops": ("studies.stops", "times from a stop to the motor off, on lines that delay, lose and garble"),
         "stop-chain": ("studies.stop_chain", "times from each way to stop to the motor off, over the emulated stand"),
-        "campaign": ("studies.campaign", "an unattended campaign on the emulated stand: faults, kills, simulation beside"),
+        "campaign": (
+            "studies.campaign",
+            "an unattended campaign on the emulated stand, with faults and kills",
+        ),
         "load": ("studies.load.command", "stream both devices at full rate through ROS 2, count what is lost"),
         "fuzz": ("studies.firmware.fuzz", "corrupted, truncated and duplicated frames to the firmware"),
         "storm": ("studies.firmware.storm", "random whole requests to the firmware"),

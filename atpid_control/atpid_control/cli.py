@@ -28,7 +28,10 @@ COMMANDS: Commands = {
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
-        "campaign": (f"{_CONTROL}.campaign", "measure a stand over many points: amplitudes, frequencies, heights, grains"),
+        "campaign": (
+            f"{_CONTROL}.campaign",
+            "measure a stand over many points: amplitudes, frequencies, heights, grains",
+        ),
         "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
@@ -53,7 +56,10 @@ COMMANDS: Commands = {
             f"{_CONTROL}.calibrate_contact",
             "restitution and modulus of a contact from a drop or run",
         ),
-        "calibrate campaign": (f"{_CONTROL}.campaign:MODEL", "a stand's model from its campaign: mass, beam, restitution"),
+        "calibrate campaign": (
+            f"{_CONTROL}.campaign:MODEL",
+            "a stand's model from its campaign: mass, beam, restitution",
+        ),
     },
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),

@@ -43,7 +43,9 @@ class CampaignFolder:
             if (self.path / PLAN).is_file():
                 if self.plan() != (given := json.loads(json.dumps(plan))):
                     differs = ", ".join(sorted(key for key in given if given[key] != self.plan().get(key)))
-                    raise CampaignError(f"{self.path}: holds another campaign (it differs in {differs}); give another --out")
+                    raise CampaignError(
+                        f"{self.path}: holds another campaign (it differs in {differs}); give another --out"
+                    )
             elif foreign := sorted(item.name for item in self.path.iterdir() if not item.name.startswith(PLAN)):
                 raise CampaignError(f"{self.path}: holds other files ({', '.join(foreign[:3])}); give a new --out")
             else:

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,10 @@ from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.errors import BenchError
-from atpid_control.stand.parameters import Parameters, write_parameters
-from atpid_control.stand.parts import NODES
+from atpid_control.stand.parameters import Parameters, combined, write_parameters
+from atpid_control.stand.parts import EXCITATION, LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, usual_parameters
 from atpid_control.stand.processes import NodeProcess, Processes
-from atpid_control.stand.running import PLAIN, Commands, command_of
+from atpid_control.stand.running import PLAIN, Commands, command_of, commands_of
 from atpid_driver.emulator import missing_tools
 from atpid_sim.scene import Scene
 
@@ -36,10 +37,12 @@ _LOOK = 0.02
 #: Until the excitation has ramped down at the end [s].
 _RAMP_DOWN = 10.0
 #: What is off, and stays so until a person arms it.
-_OFF = {
+_OFF: dict[str, dict[int, str]] = {
     "motor": {Mode.FAULT: "in fault", Mode.DISARMED: "disarmed", Mode.UNCONFIGURED: "not connected"},
     "exciter": {ExciterMode.FAULT: "in fault", ExciterMode.UNCONFIGURED: "not connected"},
 }
+#: Length of a commanded run [s]: the campaign ends it.
+_FOREVER = 1e6
 #: Of an exciter with an output.
 _DRIVEN = (ExciterMode.RAMPING, ExciterMode.RUNNING, ExciterMode.STOPPING)
 
@@ -59,13 +62,14 @@ class GraphStand:
             self._place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="atpid-campaign-")))
             domain = stack.enter_context(own_domain(named_domain()))
             to_stderr(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}")
-            self._parameters, commands = self._emulated(point)
+            emulated = campaign.stand == "emulated"
+            self._parameters, commands = (self._emulated if emulated else self._real)(point)
             self._nodes = stack.enter_context(Processes(commands, self._logs))
             self._watch = stack.enter_context(taking_part())
             stack.enter_context(self._nodes.motor_first())
-            # the device, which is not simulated, begins once the plant behind it waits for it
-            self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "plant and exciter")
-            self._watch.start("labjack_node")
+            if emulated:  # the device begins once the plant behind it waits for it
+                self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "the plant")
+                self._watch.start(LABJACK.name)
             self._until(lambda: self._watch.blocks, _START, "the first estimate")
             self._stack = stack.pop_all()
 
@@ -73,22 +77,48 @@ class GraphStand:
         campaign, board = self._campaign, not missing_tools()
         if not board:
             to_stderr(f"left out: the firmware on its emulated board; it needs {' '.join(missing_tools())}")
-        method = point.ceiling if point.is_method else (campaign.methods or ("pca",))[0]
         excitation = {"commanded": True, "amplitude": max(campaign.amplitudes), "frequency": point.frequency}
-        ceiling = self._scene.to_mapping()["ceiling"] | {"controller": method}
-        scene = point.scene(self._scene).with_(excitation=excitation, ceiling=ceiling, duration=_FOREVER)
-        file = self._place / "scene.yaml"
-        file.write_text(scene.to_yaml(), encoding="utf-8")
+        scene, file = self._of_graph(point, excitation=excitation, duration=_FOREVER)
         parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board)
         parameters["plant_node"]["expect_recorder"] = False
-        parameters["labjack_node"] |= {"expect_recorder": False, "autostart": False}
-        supervised = parameters["supervisor_node"]
-        for names in ("nodes", "needed"):  # each point has a recorder of its own, between whose bags nothing is wrong
-            supervised[names] = [name for name in supervised[names] if name != _RECORDER]
-        written = self._place / "parameters.yaml"
-        write_parameters(parameters, written)
+        parameters[LABJACK.name] |= {"expect_recorder": False, "autostart": False}
+        written = self._written(parameters)
         commands = commands_emulated(scene, written, self._place, board=board)
         return parameters, [one for one in commands if one[0] != _RECORDER]
+
+    def _real(self, point: Point) -> tuple[Parameters, Commands]:
+        given = self._campaign.configurations
+        files = {SERIAL_MOTOR: given.motor, EXCITATION: given.excitation, SUPERVISOR: given.supervisor,
+                 LABJACK: given.labjack}  # fmt: skip
+        parts = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
+        parts += [NODES[name] for name in ("identifier_node", "selector_node", _RECORDER)]  # what moves comes first
+        scene, file = self._of_graph(point)
+        supervised = [part.name for part in parts if part.name != SUPERVISOR.name]
+        own: Parameters = {
+            SERIAL_MOTOR.name: {"supervised": True}, EXCITATION.name: {"supervised": True},
+            SUPERVISOR.name: {"scene": str(file), "nodes": supervised},
+            "selector_node": {"scene": str(file), "map": str(map_for(scene) or "")},
+            LABJACK.name: {"expect_recorder": False},
+        }  # fmt: skip
+        parameters = combined(usual_parameters(parts, scene), own, {})
+        return parameters, commands_of(self._written(parameters), parts[:-1])
+
+    def _of_graph(self, point: Point, **changes: Any) -> tuple[Scene, Path]:
+        """Return the scene of the graph with a point's grain, and its file."""
+        method = point.ceiling if point.is_method else (self._campaign.methods or ("pca",))[0]
+        ceiling = self._scene.to_mapping()["ceiling"] | {"controller": method}
+        scene, file = point.scene(self._scene, ceiling=ceiling).with_(**changes), self._place / "scene.yaml"
+        file.write_text(scene.to_yaml(), encoding="utf-8")
+        return scene, file
+
+    def _written(self, parameters: Parameters) -> Path:
+        """Write the graph's parameters; each point has a recorder of its own, between whose bags nothing is wrong."""
+        for names in ("nodes", "needed"):
+            listed = parameters[SUPERVISOR.name][names]
+            parameters[SUPERVISOR.name][names] = [name for name in listed if name != _RECORDER]
+        written = self._place / "parameters.yaml"
+        write_parameters(parameters, written)
+        return written
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
         """See `Stand.measure`."""
@@ -96,7 +126,7 @@ class GraphStand:
         feed = Feed(judge, recording=False)
         try:
             height = point.height(self._scene) or 0.0
-            self._watch.select(point.ceiling if point.is_method else "", height)
+            self._watch.select(str(point.ceiling) if point.is_method else "", height)
             self._watch.excite(point.amplitude, point.frequency)
             self._watch.received.clear()
             begun = heard = time.monotonic()
@@ -162,7 +192,3 @@ class GraphStand:
     def _check(self) -> None:
         for text in self._nodes.check(except_for=""):
             to_stderr(text)
-
-
-#: Length of a commanded run [s]: the campaign ends it.
-_FOREVER = 1e6

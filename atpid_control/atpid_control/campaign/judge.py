@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges a point while it is measured: settled by the identifier's estimates and the beam's amplitude, not by a clock."""
+"""Judges a point while it is measured: settled by the estimates and the beam's amplitude, not by a clock."""
 
 import math
 from collections import deque
@@ -28,7 +28,7 @@ _RESULTS = frozenset({EventKind.RUMBLE, EventKind.DRIFT, EventKind.STEP_BACK, Ev
 
 @dataclass
 class Judge:
-    """Takes each answered block; `begin` and `end` are those of the measurement once it is over, `bad` why there is none.
+    """Takes each answered block; `begin` and `end` are the measurement's once it is over, `bad` why there is none.
 
     amplitude, frequency, height: of the point [m or N, Hz, m]; height None: a method selects it.
     """
@@ -122,7 +122,7 @@ class Judge:
             return "settling"
         while len(looks) * _LOOK > self.rules.settle_periods + _LOOK:
             looks.popleft()
-        times, beams, heights = np.array(looks).T
+        beams, heights = np.array(looks).T[1:]
         if np.ptp(heights) > _STANDS:
             return "the ceiling does not stand"
         spread = np.ptp(beams) / beams.mean()

@@ -98,7 +98,9 @@ def model_of(campaign: Campaign, scene: Scene, folder: CampaignFolder, moving_ma
         taken.append(f"the moving mass with a grain of {1e3 * grains[0]:.4g} g: {mass:.5g} kg")
         beam = from_known_mass(fits[grains[0]], mass, grain_mass=grains[0])
     opened = [record for record in records if record["regular"] and record["wanted_ceiling"] not in ("closed", "none")]
-    chosen = [opened[place] for place in np.linspace(0, len(opened) - 1, min(_CONTACTS, len(opened))).round().astype(int)]
+    chosen = [
+        opened[place] for place in np.linspace(0, len(opened) - 1, min(_CONTACTS, len(opened))).round().astype(int)
+    ]
     contacts = list(_contacts(campaign, folder, chosen, taken.append))
     if not contacts:
         taken.append(f"the restitution: {restitution(scene):.4g}, the scene's")
@@ -178,9 +180,13 @@ def written(model: StandModel, scene: Scene, folder: Path) -> Path:
     """Write model.yaml into a folder: the stand's scene with what was found; return its path."""
     path, beam = folder / "model.yaml", model.beam
     lines = [
-        f"# mass {beam.mass:.6g} ± {beam.mass_std:.2g} kg, stiffness {beam.stiffness:.6g} ± {beam.stiffness_std:.2g} N/m, "
-        f"damping {beam.damping:.4g} ± {beam.damping_std:.2g} N s/m",
-        *([] if model.restitution is None else [f"# restitution {model.restitution:.4f} ± {model.restitution_std:.2g}"]),
+        f"# mass {beam.mass:.6g} ± {beam.mass_std:.2g} kg, stiffness {beam.stiffness:.6g} ± {beam.stiffness_std:.2g} "
+        f"N/m, damping {beam.damping:.4g} ± {beam.damping_std:.2g} N s/m",
+        *(
+            []
+            if model.restitution is None
+            else [f"# restitution {model.restitution:.4f} ± {model.restitution_std:.2g}"]
+        ),
         *(f"# taken as known, or left out: {line}" for line in model.taken),
     ]
     path.write_text("\n".join([*lines, model.scene(scene).to_yaml()]), encoding="utf-8")

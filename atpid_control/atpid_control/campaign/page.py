@@ -98,15 +98,15 @@ def _html(campaign: Campaign, folder: CampaignFolder, found: Sequence[Compared])
         "agreement": f"{agree} of {len(found)} within {AGREE:g} standard deviations of simulation",
     }  # fmt: skip
     charts = (
-        f'<figure><div class="chart" id="{name}" role="img" aria-label="{figure["layout"]["annotations"][0]["text"][3:-4]}">'
-        "</div></figure>"
-        for name, figure in figures.items()
+        f'<figure><div class="chart" id="{name}" role="img" aria-label="{title}"></div></figure>'
+        for name, _, _, title in _AXES
+        if name in figures
     )
     return document("A stand over many points", [
-        "<header><h1>A stand over many points</h1><p>Circles: measured. Lines: simulation of the same points. Bars: one "
-        "standard deviation. A click on a circle, or a link in the table, leads to the point's own report.</p></header>",
+        "<header><h1>A stand over many points</h1><p>Circles: measured. Lines: simulation of the same points. Bars: "
+        "one standard deviation. A click on a circle, or a link in the table, leads to the point's report.</p></header>",
         facts(about), warnings(skipped), *charts,
-        "<h2>Every point</h2><p class=\"note\">Amplitudes are half peak-to-peak; efficiency is against the damper closed; "
+        '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper closed; '
         "apart: measured less simulated, in standard deviations of the difference.</p>",
         table("Every point", _HEADS, [_row(one, found) for one in found]),
         f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',

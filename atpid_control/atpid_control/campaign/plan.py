@@ -62,11 +62,21 @@ class Rules(SceneBlock):
     )
 
 
+class Configurations(SceneBlock):
+    """Parameter files of a real stand's nodes, in place of those of the packages."""
+
+    motor: LocatedPath | None = Field(default=None, description="of motor_node; default: motor_serial.yaml")
+    labjack: LocatedPath | None = Field(default=None, description="of labjack_node; default: labjack.yaml")
+    excitation: LocatedPath | None = Field(default=None, description="of excitation_node, which a real stand needs")
+    supervisor: LocatedPath | None = Field(default=None, description="of supervisor_node, with abort levels")
+
+
 class Campaign(SceneBlock):
     """Amplitudes x frequencies x heights or methods x repeats x grain masses on one stand."""
 
     scene: LocatedPath = Field(description="scene of the stand, whose ceiling a controller moves")
     stand: Literal["simulated", "emulated", "real"] = Field(default="simulated", description="kind of stand")
+    configurations: Configurations = Field(default=Configurations(), description="of a real stand's nodes")
     amplitudes: tuple[Amplitude, ...] = Field(min_length=1, description="of the support [m] or of a force [N]")
     frequencies: tuple[Hertz, ...] = Field(default=(), description="of the excitation [Hz]")
     frequency_ratios: tuple[Annotated[Number, within(0.05, 20.0)], ...] = Field(
@@ -89,6 +99,8 @@ class Campaign(SceneBlock):
     def _fits(self) -> Campaign:
         if bool(self.frequencies) == bool(self.frequency_ratios):
             raise impossible("", Words("frequencies and frequency_ratios"), "exactly one of both")
+        if self.stand == "real" and self.configurations.excitation is None:
+            raise impossible("configurations.excitation", Words("none"), "a parameter file of excitation_node")
         if not self.heights and not self.methods:
             raise impossible("", Words("neither heights nor methods"), "one of them at least")
         for name in ("amplitudes", "frequencies", "frequency_ratios", "heights", "methods", "grain_masses"):
@@ -104,7 +116,8 @@ class Campaign(SceneBlock):
         """Grain masses, frequencies, ceilings, amplitudes, repeats: what takes longest to change first."""
         return (
             self.grain_masses or (None,), self.frequencies or self.frequency_ratios,
-            tuple(sorted((*self.heights, *self.methods), key=_rank)), self.amplitudes, tuple(range(1, self.repeats + 1)),
+            tuple(sorted((*self.heights, *self.methods), key=_rank)), self.amplitudes,
+            tuple(range(1, self.repeats + 1)),
         )  # fmt: skip
 
 
@@ -168,7 +181,9 @@ def read_campaign(path: Path) -> tuple[Campaign, Scene]:
     low, high = scene.ceiling.range
     for height in campaign.heights:
         if isinstance(height, float) and not low <= height <= high:
-            raise CampaignError(f"{path}: heights: given {height:g} m; allowed: the ceiling's range, {low:g} to {high:g} m")
+            raise CampaignError(
+                f"{path}: heights: given {height:g} m; allowed: the ceiling's range, {low:g} to {high:g} m"
+            )
     return campaign, scene
 
 

@@ -2,8 +2,9 @@
 """What a point was measured to be, from its bag, and what simulation of the same point gives; both with error bars."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ def amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
     """
     length = _PERIODS * rate / frequency
     edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
-    readings = np.array([half_peak_to_peak(beam[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    readings = np.array([half_peak_to_peak(beam[a:b]) for a, b in pairwise(edges)])
     value, scatter = float(readings.mean()), float(readings.std(ddof=1))
     noise = _MEDIAN * float(np.median(np.abs(np.diff(beam, 4)))) / _FOURTH
     return Amplitude(value, math.hypot(scatter / math.sqrt(readings.size), noise), scatter / value if value else 0.0)
@@ -91,14 +92,14 @@ def simulated(campaign: Campaign, scene: Scene, point: Point, record: Mapping[st
     own = point.scene(scene)
     *values, amplitude_std, frequency_std = (record[name] for name in GIVEN)
     given, errors = list(values), [amplitude_std, frequency_std, campaign.height_std]
-    found, chance = steady_amplitude(own, *given, campaign.rules.measure_periods)
+    found, chance = steady_amplitude(own, given, campaign.rules.measure_periods)
     parts = [chance]
     lowest = 2.0 * own.grain.radius
     for place, error in enumerate(errors):
         beside = list(given)
         beside[place] += error
         if error > 0.0 and not (place == 2 and given[2] <= lowest + 2.0 * error):  # a closed ceiling holds the grain
-            parts.append(abs(steady_amplitude(own, *beside, campaign.rules.measure_periods)[0] - found))
+            parts.append(abs(steady_amplitude(own, beside, campaign.rules.measure_periods)[0] - found))
     amplitude, frequency, _ = values
     return {
         "simulated_amplitude": found, "simulated_amplitude_std": math.hypot(*parts),
@@ -107,12 +108,13 @@ def simulated(campaign: Campaign, scene: Scene, point: Point, record: Mapping[st
     }  # fmt: skip
 
 
-def steady_amplitude(
-    scene: Scene, amplitude: float, frequency: float, height: float, periods: int
-) -> tuple[float, float]:
-    """Return the beam's steady amplitude [m], the ceiling opened to a height [m], and its standard deviation over
-    measurements of so many periods: 0 where the motion repeats itself; NaN where it cannot be followed.
+def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tuple[float, float]:
+    """Return the beam's steady amplitude [m], and its standard deviation over measurements of so many periods.
+
+    given: amplitude [m or N] and frequency [Hz] of the excitation, and the height [m] to which the ceiling opens. The
+    deviation of a motion that repeats itself is 0; both are NaN where it cannot be followed.
     """
+    amplitude, frequency, height = given
     closed, lowest = float(scene.ceiling.heights[0][1]), 2.0 * scene.grain.radius
     if height <= max(closed, lowest) + 1e-4:
         return scene.linear_amplitude(amplitude, frequency, grain=True), 0.0

@@ -47,8 +47,17 @@ def run(args: argparse.Namespace) -> int:
     plan = {"campaign": campaign.model_dump(mode="json", exclude={"scene"}), "scene": scene.to_mapping()}
     points = len(points_of(campaign, scene))
     console = Console(stderr=True)
-    columns = (TextColumn("points"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    print(f"pause after a point, or go on: kill -USR1 {os.getpid()}; Ctrl-C ends, the same command goes on", file=sys.stderr)
+    columns = (
+        TextColumn("points"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    print(
+        f"pause after a point, or go on: kill -USR1 {os.getpid()}; Ctrl-C ends, the same command goes on",
+        file=sys.stderr,
+    )
     with folder.open(plan), stoppable(), pause.by_signal():
         with Bar(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("points", total=points, left="")
@@ -57,9 +66,13 @@ def run(args: argparse.Namespace) -> int:
                 bar.update(task, completed=done, left="" if math.isnan(left) else f"{_clock(left)} left")
 
             try:
-                done = run_campaign(campaign, scene, folder, lambda point: _open(campaign, scene, point, folder.path), progress, pause)
+                done = run_campaign(
+                    campaign, scene, folder, lambda point: _open(campaign, scene, point, folder.path), progress, pause
+                )
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(f"stopped: {_line(summary(campaign, scene, folder))}; the same command goes on") from None
+                raise KeyboardInterrupt(
+                    f"stopped: {_line(summary(campaign, scene, folder))}; the same command goes on"
+                ) from None
         _conclude(campaign, scene, folder, done)
     return 0
 
@@ -122,14 +135,18 @@ def _model(args: argparse.Namespace) -> int:
     for name in ("point", "measured [mm]", "scene given [mm]", "apart [σ]", "model found [mm]", "apart [σ]"):
         table.add_column(name, justify="left" if name == "point" else "right")
     with counting("simulating every point with both", 2 * len(folder.records())) as count:
-        pairs = list(zip(compared(campaign, scene, folder, progress=count), compared(campaign, found, folder), strict=True))
+        pairs = list(
+            zip(compared(campaign, scene, folder, progress=count), compared(campaign, found, folder), strict=True)
+        )
     for given, own in pairs:
         cells = (given.record["beam_amplitude"], given.record["simulated_amplitude"], own.record["simulated_amplitude"])
         shown = [f"{1e3 * value:.4g}" for value in cells]
         table.add_row(given.point.text, *shown[:2], f"{given.apart:+.1f}", shown[2], f"{own.apart:+.1f}")
     Console(width=110, highlight=False).print(table)
     agree = [sum(abs(one.apart) <= AGREE for one in column) for column in zip(*pairs, strict=True)]
-    print(f"within {AGREE:g} standard deviations: {agree[0]} of {len(pairs)} by the scene given, {agree[1]} by the model")
+    print(
+        f"within {AGREE:g} standard deviations: {agree[0]} of {len(pairs)} by the scene given, {agree[1]} by the model"
+    )
     with output.writing(out):
         rows = [own.record | {"apart": own.apart} for _, own in pairs]
         (out / "agreement.json").write_text(json.dumps({"uncertainty": model.uncertainty, "points": rows}, indent=1))

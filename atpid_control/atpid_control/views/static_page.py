@@ -10,7 +10,6 @@ from importlib.resources import files
 from atpid_sim.figure_style import DARK, LIGHT, Palette
 
 
-
 @dataclass(frozen=True)
 class Link:
     """A cell that leads to another page."""

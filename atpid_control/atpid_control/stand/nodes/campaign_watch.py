@@ -11,7 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, Excitation, ExcitationCommand, ExcitationState, PlantTruth, RecorderStatus
+from atpid_interfaces.msg import (
+    CeilingState,
+    Event,
+    Excitation,
+    ExcitationCommand,
+    ExcitationState,
+    PlantTruth,
+    RecorderStatus,
+)
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters

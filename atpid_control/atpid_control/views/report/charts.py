@@ -110,14 +110,18 @@ def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure
         own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": "circle-open"}}
         line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4}}
         figure["data"].append({
-            "type": "scatter", "name": curve.name, "x": list(curve.x), "y": list(curve.y), "customdata": list(curve.pages),
-            "showlegend": curve.marked,
-            "error_y": {"type": "data", "array": list(curve.bars), "color": f"@{curve.colour}", "thickness": 1.2, "width": 3},
+            "type": "scatter", "name": curve.name, "x": list(curve.x), "y": list(curve.y),
+            "customdata": list(curve.pages), "showlegend": curve.marked,
+            "error_y": {"type": "data", "array": list(curve.bars), "color": f"@{curve.colour}", "thickness": 1.2},
             "hovertemplate": f"%{{y:.4~g}} {unit}", **(own if curve.marked else line),
         })  # fmt: skip
     every = [x for curve in curves for x in curve.x]
     aside = 0.04 * (max(every) - min(every))
-    figure["layout"] |= {"showlegend": True, "legend": {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"}, "hovermode": "closest"}
+    figure["layout"] |= {
+        "showlegend": True,
+        "legend": {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
+        "hovermode": "closest",
+    }
     figure["layout"]["margin"] |= {"r": 20, "b": 60 + 8 * len(curves)}
     limits = [min(every) - aside, max(every) + aside]
     figure["layout"]["xaxis"] = {**_axis(), "title": {"text": axis}, "range": limits}
