@@ -19,7 +19,7 @@ ARRIVED, _STANDS = 5e-3, 2e-3
 #: Standard deviations of an estimate that are no deviation.
 _SIGMAS = 2.0
 #: Ratio of von Neumann from which readings are independent, and the least scatter of a second half over the first's.
-_RANDOM, _LASTING = 1.2, 0.6
+_RANDOM, _LASTING = 1.5, 0.7
 #: Warnings that spoil a point whatever the estimates are; alarms do all.
 SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
 #: Alarms that are a result, not a fault of the stand.

@@ -104,10 +104,10 @@ def _html(campaign: Campaign, folder: CampaignFolder, found: Sequence[Compared])
     )
     return document("A stand over many points", [
         "<header><h1>A stand over many points</h1><p>Circles: measured. Lines: simulation of the same points. Bars: "
-        "one standard deviation. A click on a circle, or a link in the table, leads to the point's report.</p></header>",
-        facts(about), warnings(skipped), *charts,
-        '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper closed; '
-        "apart: measured less simulated, in standard deviations of the difference.</p>",
+        "one standard deviation. A click on a circle, or a link in the table, leads to the point's report.</p>"
+        "</header>", facts(about), warnings(skipped), *charts,
+        '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
+        "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
         table("Every point", _HEADS, [_row(one, found) for one in found]),
         f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',
         f"<script>{script}{_CLICK}</script>",
