@@ -119,11 +119,11 @@ class Running:
         self.process.kill()
 
     def stop_for(self, name: str, seconds: float) -> None:
-        """Let a process, or what it stands for, not answer for some seconds."""
-        process = self.children()[name]
-        os.kill(process, signal.SIGSTOP)
+        """Let a process, or what it stands for, not answer for some seconds; each leads a group of its own."""
+        group = self.children()[name]
+        os.killpg(group, signal.SIGSTOP)
         time.sleep(seconds)
-        os.kill(process, signal.SIGCONT)
+        os.killpg(group, signal.SIGCONT)
 
 
 def laser(kind: str) -> None:

@@ -130,6 +130,7 @@ def test_an_irregular_motion_is_a_result() -> None:
         ({"amplitude": lambda _: 0.011}, "amplitude 0.011, wanted 0.01"),
         ({"frequency": lambda _: 5.1}, "frequency 5.1 Hz"),
         ({"quality": lambda _: Quality.POOR}, "the excitation is poor"),
+        ({"quality": lambda t: Quality.STEADY if t < 4.0 else Quality.NONE}, "while measured: the excitation is none"),
         ({"lost": lambda t: 3 * (t > 4.0)}, "3 samples lost"),
         ({"height": lambda _: 0.3}, "the ceiling is at 0.3000 m"),
         ({"height": lambda _: math.nan}, "not known"),

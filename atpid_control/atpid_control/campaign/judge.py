@@ -94,7 +94,9 @@ class Judge:
 
     def _wrong(self, estimate: Estimate, height: float, moving: bool) -> str:
         """Return what is not as the point asks for; empty: all is."""
-        if estimate.quality != Quality.STEADY:
+        # an excitation that is held is corrected now and then: while measured the rules' limits decide
+        changing = self.measuring and estimate.quality == Quality.TRANSIENT
+        if estimate.quality != Quality.STEADY and not changing:
             return f"the excitation is {Quality(estimate.quality).name.lower()}"
         if estimate.lost:
             return f"{estimate.lost} samples lost or saturated"

@@ -71,7 +71,8 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
     found = amplitude_of(inside, beam.rate, point.frequency)
     amplitude, frequency = (
         (float(np.mean([getattr(one, name) for one in judge.estimates])),
-         float(np.mean([getattr(one, f"{name}_std") for one in judge.estimates])))
+         math.hypot(float(np.mean([getattr(one, f"{name}_std") for one in judge.estimates])),
+                    float(np.std([getattr(one, name) for one in judge.estimates]))))
         for name in ("amplitude", "frequency")
     )  # fmt: skip
     return {
