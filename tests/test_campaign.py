@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -79,11 +80,11 @@ def test_every_point_is_there_once_and_a_grain_is_changed_once(order: str, tmp_p
     assert sorted(point.number for point in points) == list(range(1, len(points) + 1))
     assert len(points) == 2 * (2 * 4 + 1) * 2  # without a grain there are no masses of it
     grains = [point.grain_mass for point in points]
-    assert sum(a != b for a, b in zip(grains[:-1], grains[1:], strict=True)) == 2
+    assert sum(a != b for a, b in pairwise(grains)) == 2
     assert points == points_of(campaign, scene)
     if order == "settling":
         keys = ("frequency", "ceiling", "amplitude", "repeat")
-        inside = [(a, b) for a, b in zip(points[:-1], points[1:], strict=True)
+        inside = [(a, b) for a, b in pairwise(points)
                   if a.grain_mass == b.grain_mass and "none" not in (a.ceiling, b.ceiling)]  # fmt: skip
         assert all(sum(getattr(a, key) != getattr(b, key) for key in keys) == 1 for a, b in inside)
 
