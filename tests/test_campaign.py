@@ -26,9 +26,11 @@ from atpid_control.campaign.model import model_of
 from atpid_control.campaign.page import compared, write_page
 from atpid_control.campaign.plan import Point, Rules, points_of, read_campaign
 from atpid_control.campaign.run import Pause, run_campaign
+from atpid_control.cli import main
 from atpid_control.identification import Estimate
 from atpid_control.runs.run import open_run
 from atpid_sim.robust import restitution
+from atpid_sim.scene import load_scene
 
 CAMPAIGN: dict[str, Any] = {
     "scene": str(ROOT / "scenes/thesis_4_3.yaml"),
@@ -228,6 +230,8 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
     assert all((out / f"points/{number:04d}/report/report.html").is_file() for number in range(1, 13))
     wrong = {name: findings for name, findings in visited(page).items() if findings}
     assert wrong == {}
+    assert main(["calibrate", "campaign", str(out), "--out", str(tmp_path / "model")]) == 0
+    load_scene(tmp_path / "model/model.yaml")
     model = model_of(campaign, scene, folder)
     assert model.beam.mass == pytest.approx(scene.beam.mass, rel=0.02)
     assert model.beam.stiffness == pytest.approx(scene.beam.stiffness, rel=0.02)
