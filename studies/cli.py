@@ -37,6 +37,10 @@ COMMANDS: Commands = {
         "stops": ("studies.stops", "times from a stop to the motor off, on lines that delay, lose and garble"),
         "stop-chain": ("studies.stop_chain", "times from each way to stop to the motor off, over the emulated stand"),
         "exciter-stops": ("studies.exciter_stops", "times from each way to stop to the exciter's output off"),
+        "campaign": (
+            "studies.campaign",
+            "an unattended campaign on the emulated stand, with faults and kills",
+        ),
         "load": ("studies.load.command", "stream both devices at full rate through ROS 2, count what is lost"),
         "fuzz": ("studies.firmware.fuzz", "corrupted, truncated and duplicated frames to the firmware"),
         "storm": ("studies.firmware.storm", "random whole requests to the firmware"),

@@ -69,6 +69,9 @@ RUN = {
     "tests/of_studies/test_dampers.py": {r"python -m studies dampers": "test_the_tables_are_printed"},
     "tests/of_studies/test_modal.py": {r"python -m studies modes": "test_the_tables_show_what_a_mode_costs"},
     "tests/of_studies/test_peace01.py": {r"python -m studies peace01": "test_the_study_s_page_of_numbers"},
+    "tests/test_campaign.py": {
+        r"atpid (calibrate )?campaign": "test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulation"
+    },
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"atpid standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -252,7 +255,7 @@ NOT_RUN = {
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",
-    r"python -m studies (tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
+    r"python -m studies (tradeoff|extremes|sweep|seeds|campaign|figures \w)": "minutes; their parts have tests",
     r"(ros2( launch| run)?|python -m PACKAGE\.nodes\.NODE .*|ros2 run PACKAGE NODE .*)$": "a name in a sentence",
     r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
     r"ros2 service call /supervisor_node/rearm": "the wheels have no ros2; test_supervisor.py calls the service",
@@ -264,6 +267,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
+    "campaign.yaml", "model.yaml", "index.html", "index.json", "index.csv", "comparison.json", "point.json",
     "my_beam.yaml", "my_map.npz", "height_map.png", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",

@@ -30,6 +30,10 @@ COMMANDS: Commands = {
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
         "first-run": (f"{_CONTROL}.first_run", "a stand's first measurement, step by step, beside what is expected"),
         "excite": ("atpid_control.stand.nodes.excite", "command the exciter of nodes that run already, until Ctrl-C"),
+        "campaign": (
+            f"{_CONTROL}.campaign",
+            "measure a stand over many points: amplitudes, frequencies, heights, grains",
+        ),
         "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
@@ -54,6 +58,10 @@ COMMANDS: Commands = {
         "calibrate contact": (
             f"{_CONTROL}.calibrate_contact",
             "restitution and modulus of a contact from a drop or run",
+        ),
+        "calibrate campaign": (
+            f"{_CONTROL}.campaign:MODEL",
+            "a stand's model from its campaign: mass, beam, restitution",
         ),
     },
     "Without hardware, without `ros2`": {

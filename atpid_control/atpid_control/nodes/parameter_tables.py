@@ -67,6 +67,10 @@ SELECTOR = (
     Entry("map", "", "height map for the look-up; empty: the one the scene names"),
     _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
     _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
+    _live(
+        "manual_height", 0.0, "where the ceiling is sent, whatever is selected; 0: where the method has it", "m", 0.0,
+        1e6,
+    ),
     Entry("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
     _live(
         "dead_band", 0.01, "relative change of amplitude that moves nothing: below 0.01 the ceiling moves by less than "

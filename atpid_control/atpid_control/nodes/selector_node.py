@@ -48,7 +48,7 @@ from atpid_sim.nodes.scene_parameter import scene_given
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
-HELD = "held by the operator"
+HELD, SET = "held by the operator", "set by the operator"
 ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
@@ -226,6 +226,8 @@ class SelectorNode(Node):
     def _publish(self, answered: Excitation, command: HeightCommand) -> None:
         if self.parameters["hold"] and not answered.handshake:
             command = replace(command, height=math.nan, reason=HELD)
+        elif not answered.handshake and (manual := self.parameters["manual_height"]):
+            command = replace(command, height=manual, method="manual", reason=SET)
         message = CeilingCommand(**vars(command))
         message.header, message.handshake = answered.header, answered.handshake
         self._commands.publish(message)

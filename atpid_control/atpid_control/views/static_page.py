@@ -3,14 +3,23 @@
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from html import escape
 from importlib.resources import files
 
 from atpid_sim.figure_style import DARK, LIGHT, Palette
 
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to another page."""
+
+    text: str
+    address: str
+
+
 #: A table's cell, or a cell with what stands beneath it in small print.
-Cell = str | tuple[str, str]
+Cell = str | tuple[str, str] | Link
 
 
 def document(title: str, parts: Iterable[str], css: str = "") -> str:
@@ -52,6 +61,8 @@ def table(name: str, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> st
 
 
 def _cell(head: str, cell: Cell) -> str:
+    if isinstance(cell, Link):
+        return f'<td data-name="{escape(head)}"><a href="{escape(cell.address)}">{escape(cell.text)}</a></td>'
     text, beneath = (cell, "") if isinstance(cell, str) else cell
     small = f'<span class="best">{escape(beneath)}</span>' if beneath else ""
     return f'<td data-name="{escape(head)}"><div>{escape(text)}{small}</div></td>'

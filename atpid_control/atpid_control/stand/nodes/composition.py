@@ -90,7 +90,7 @@ class Composition:
 
 #: Called with the simulated time [s] and a message.
 Follow = Callable[[float, Any], None]
-FOLLOWED = {"events": Event, "ceiling/command": CeilingCommand, "ceiling/state": CeilingState}
+FOLLOWED = {"events": Event, "excitation": Excitation, "ceiling/command": CeilingCommand, "ceiling/state": CeilingState}
 
 
 def run_lockstep(

@@ -2,6 +2,7 @@
 """The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,46 @@ def spectra(found: Analysis, modes: Sequence[float] = ()) -> Figure:
     _title(
         figure, 1.0, "Power spectral density", " and ".join(dict.fromkeys(f"{one.unit}²/Hz" for one in found.spectra))
     )
+    return figure
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A curve through points (n,) with error bars: measured ones are marked, simulated ones joined."""
+
+    name: str
+    x: Sequence[float]
+    y: Sequence[float]
+    bars: Sequence[float]
+    colour: str
+    marked: bool
+    pages: Sequence[str] = ()  # address of each point's own page
+
+
+def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure:
+    """Return curves over a quantity in one panel, with a legend below it."""
+    figure: Figure = {"data": [], "layout": _layout(400 + 8 * len(curves))}
+    for curve in curves:
+        own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": "circle-open"}}
+        line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4}}
+        figure["data"].append({
+            "type": "scatter", "name": curve.name, "x": list(curve.x), "y": list(curve.y),
+            "customdata": list(curve.pages), "showlegend": curve.marked,
+            "error_y": {"type": "data", "array": list(curve.bars), "color": f"@{curve.colour}", "thickness": 1.2},
+            "hovertemplate": f"%{{y:.4~g}} {unit}", **(own if curve.marked else line),
+        })  # fmt: skip
+    every = [x for curve in curves for x in curve.x]
+    aside = 0.04 * (max(every) - min(every))
+    figure["layout"] |= {
+        "showlegend": True,
+        "legend": {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
+        "hovermode": "closest",
+    }
+    figure["layout"]["margin"] |= {"r": 20, "b": 60 + 8 * len(curves)}
+    limits = [min(every) - aside, max(every) + aside]
+    figure["layout"]["xaxis"] = {**_axis(), "title": {"text": axis}, "range": limits}
+    figure["layout"]["yaxis"] = {**_axis(), "rangemode": "tozero"}
+    _title(figure, 1.0, title, unit)
     return figure
 
 

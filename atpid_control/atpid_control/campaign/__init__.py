@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stand measured over many points by itself: plan, folder, judgement, run, page and model (docs/campaign.md)."""

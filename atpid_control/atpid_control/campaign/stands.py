@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The role of a stand in a campaign, and the simulated one: a bench in lockstep for each point."""
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from atpid_common.vocabulary import Mode
+from atpid_control.campaign.judge import Judge
+from atpid_control.campaign.plan import Campaign, Point
+from atpid_control.identification import Estimate
+from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parts import parameters_for
+from atpid_control.stand.running import run_lockstep
+from atpid_sim.scene import Scene
+
+#: The excitation of a simulated point grows for so long [s]; then its ceiling opens.
+RAMP = 0.5
+
+
+class Stand(Protocol):
+    """What a campaign asks of a stand."""
+
+    def measure(self, point: Point, folder: Path, judge: Judge) -> None:
+        """Set a point and show the judge each answered block until it is over; the bag is `folder`/bag.
+
+        Raises BenchError or NodeDiedError where the stand cannot go on.
+        """
+        ...
+
+    def rest(self, until: Callable[[], bool]) -> None:
+        """Wait without excitation until that is true."""
+        ...
+
+    def fault(self) -> str:
+        """Return what keeps the stand from being measured, latched until a person has seen to it; empty: nothing."""
+        ...
+
+    def close(self) -> None:
+        """End everything in order."""
+        ...
+
+
+@dataclass
+class Feed:
+    """Gives a judge what the graph publishes."""
+
+    judge: Judge
+    recording: bool = True
+    height: float = float("nan")  # of the ceiling, reported last [m]
+    mode: int = Mode.UNCONFIGURED
+    target: float = float("nan")
+
+    def __call__(self, message: Any) -> None:
+        """Take a message of the topics excitation, ceiling/state and events; others are left out."""
+        kind = type(message).__name__
+        if getattr(message, "handshake", False):
+            return
+        if kind == "Event":
+            self.judge.on_event(message.severity, message.kind, message.text)
+        elif kind == "CeilingState":
+            self.height, self.mode = message.height, message.mode
+            if message.mode == Mode.FAULT and not self.judge.over:
+                self.judge.bad = f"the motor's fault: {message.fault}"
+        elif kind == "Excitation":
+            self.judge.push(estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
+
+
+def estimate_of(message: Any) -> Estimate:
+    """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
+    stamp = message.header.stamp
+    return Estimate(
+        time=stamp.sec + 1e-9 * stamp.nanosec, quality=message.quality, amplitude=message.amplitude,
+        amplitude_std=message.amplitude_std, frequency=message.frequency, frequency_std=message.frequency_std,
+        lost=message.lost, beam_amplitude=message.beam_amplitude,
+    )  # fmt: skip
+
+
+class _OverError(Exception):
+    """The judge needs nothing more."""
+
+
+class SimulatedStand:
+    """A bench in lockstep for each point, from rest: a point depends on no other."""
+
+    def __init__(self, campaign: Campaign, scene: Scene) -> None:
+        """Prepare the methods' maps. Raises MapError."""
+        self._campaign, self._scene = campaign, scene
+
+    def measure(self, point: Point, folder: Path, judge: Judge) -> None:
+        """See `Stand.measure`."""
+        rules = self._campaign.rules
+        duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
+        scene = point_scene(self._scene, point, duration, self._campaign.seed)
+        file = folder / "scene.yaml"
+        file.write_text(scene.to_yaml(), encoding="utf-8")
+        parameters = parameters_for(scene, file, map_for(scene), folder / "bag", lockstep=True)
+        parameters["recorder_node"]["files"] = [str(folder / "parameters.yaml")]
+        write_parameters(parameters, folder / "parameters.yaml")
+        os.environ["ROS_LOG_DIR"] = str(folder / "log")
+        feed = Feed(judge)
+
+        def progress(_time: float) -> None:
+            if judge.over:
+                raise _OverError
+
+        with own_domain(), suppress(_OverError):
+            run_lockstep(parameters, progress, lambda _time, message: feed(message))
+        if not judge.over:
+            judge.bad = f"the run ended before the point was measured: {judge.missing}"
+
+    def rest(self, until: Callable[[], bool]) -> None:
+        """See `Stand.rest`."""
+        from time import sleep
+
+        while not until():
+            sleep(0.1)
+
+    def fault(self) -> str:
+        """See `Stand.fault`."""
+        return ""
+
+    def close(self) -> None:
+        """See `Stand.close`."""
+
+
+def point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
+    """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
+    changes: dict[str, Any] = {"duration": duration, "steady_window": [0.5 * duration, duration]}
+    height = point.height(scene)
+    if height is None:
+        changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
+    else:
+        closed = float(scene.ceiling.heights[0][1])
+        end = RAMP + abs(height - closed) / scene.ceiling.speed
+        opening = {"closed": closed, "open": height, "start": RAMP, "end": end}
+        changes["ceiling"] = opening if end > RAMP else {"height": height}
+    made = point.scene(scene, seed=1000 * seed + scene.seed + point.number, **changes)
+    return made.with_(excitation={"amplitude": [[0.0, 0.0], [RAMP, point.amplitude]], "frequency": point.frequency})
