@@ -122,7 +122,7 @@ def test_a_command_is_put_out_and_its_silence_ends_it(graph: Graph) -> None:
     assert (graph.state.amplitude, graph.state.frequency, graph.state.sequence) == (0.01, 5.0, 1)
     took = graph.until(lambda: graph.state.mode == ExcitationState.OFF)
     assert 0.2 < took < 1.0
-    assert graph.reported("no message on excitation/command")
+    graph.until(lambda: graph.reported("no message on excitation/command"))
     assert graph.state.amplitude == 0.0
     graph.run(sine())  # and goes on with the next command
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, ExcitationCommand())
@@ -162,12 +162,12 @@ def test_it_runs_only_while_the_supervisor_permits(graph: Graph) -> None:
     graph.run(sine())
     graph.permits = SupervisorState(state=SupervisorState.FAULT, permit=False, reason="recorder_node is silent")
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
-    assert graph.reported("the excitation ramps down: recorder_node is silent")
+    graph.until(lambda: graph.reported("the excitation ramps down: recorder_node is silent"))
     graph.permits = SupervisorState(state=SupervisorState.READY, permit=True)
     graph.run(sine())  # a hold: the next command switches it on again
     graph.permits = None
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
-    assert graph.reported("the supervisor is silent")
+    graph.until(lambda: graph.reported("the supervisor is silent"))
     graph.permits = SupervisorState(state=SupervisorState.READY, permit=True)
     graph.run(sine())
     graph.permits = SupervisorState(state=SupervisorState.SAFE, stop=True, reason="stopped by the operator")
@@ -186,7 +186,7 @@ def test_two_commanders_end_it(graph: Graph) -> None:
     intruder = graph.add(Node("intruder", context=graph.context))
     intruder.create_publisher(ExcitationCommand, "excitation/command", 10)
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
-    assert graph.reported("excitation/command is published by /intruder and /operator")
+    graph.until(lambda: graph.reported("excitation/command is published by /intruder and /operator"))
 
 
 @pytest.mark.parametrize(
