@@ -148,7 +148,7 @@ def test_alarms_spoil_a_point_and_rumble_does_not() -> None:
     judge = Judge(Rules(), 0.01, 5.0, 0.2)
     judge.on_event(Severity.ALARM, "rumble", "irregular")
     judge.on_event(Severity.WARNING, "refused", "out of the map")
-    assert not judge.bad
+    assert not judge.over
     judge.on_event(Severity.WARNING, "dropped", "3 scans")
     assert judge.bad == "dropped: 3 scans"
     assert Mode.FAULT  # the mode with which the motor's fault is named
@@ -158,7 +158,8 @@ class BrokenStand:
     """A stand of which some attempts are bad; it measures nothing."""
 
     def __init__(self, bad: dict[int, int]) -> None:
-        self.bad, self.asked, self.faults = bad, [], 0  # attempts that are bad, by point
+        self.bad, self.faults = bad, 0  # attempts that are bad, by point
+        self.asked: list[int] = []
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
         self.asked.append(point.number)
