@@ -91,7 +91,7 @@ def test_the_users_values_reach_every_node_of_the_emulated_stand(scene: Scene, t
     given = {name: {"own": name} for name in NAMES}
     found = emulated.parameters_emulated(scene, FILE, STANDARD, tmp_path / "bag", tmp_path, board=True, given=given)
     assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
-    assert set(NAMES) - set(found) == {"live_node", "ni_node"}
+    assert set(NAMES) - set(found) == {"live_node", "ni_node", "excitation_node"}
     assert found["supervisor_node"]["nodes"][-2:] == ["labjack_node", "feed_node"]
 
 

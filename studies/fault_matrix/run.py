@@ -173,7 +173,7 @@ class _Followed:
             self.events.append(Seen(time, int(message.severity), str(message.kind), str(message.text)))
         elif hasattr(message, "mode"):
             self.states.append((time, float(message.height), int(message.mode), int(message.faults)))
-        else:
+        elif hasattr(message, "height"):
             self.commands.append((time, float(message.height)))
 
 

@@ -19,8 +19,8 @@ from atpid_control.cli import COMMANDS as ATPID
 
 NO_NUMBER = ("nan", "inf", "-inf", "1e999", "-1e999", "-1e300", "9" * 5000, "", " ", "x", "\0")
 PARSERS = dict(parsers())
-#: Commands that take nothing but what others take too.
-NOT_TRIED = {"bag check", "bag recover", "bag repair", "bag verify", "completion", "live", "policy"}
+#: Commands that take nothing but what others take too, and one that lists what is wrong and makes nothing.
+NOT_TRIED = {"doctor", "bag check", "bag recover", "bag repair", "bag verify", "completion", "live", "policy"}
 EXAMPLES = settings().max_examples if settings.get_current_profile_name() == "long" else 40
 
 

@@ -81,7 +81,7 @@ class TunedBeam:
         carried = self.mass_ratio * r * r * spring / (spring - r * r)
         s, x = self.structure, r[..., None]
         resistance = s.stiffness - s.mass * x * x + 1j * x * s.damping
-        resistance = np.where(resistance == 0.0, _NONE, resistance)
+        resistance = np.where(np.abs(resistance) < _NONE, _NONE, resistance)
         alone = ((s.direct + 1j * x * s.rate) / resistance).sum(axis=-1)
         return np.asarray(alone / (1.0 - carried * (1.0 / resistance).sum(axis=-1)))
 

@@ -60,7 +60,7 @@ class CampaignWatch(BenchWatch):
         ):  # fmt: skip
             subscribe(self, kind, topic, self._on_message, profile)
         subscribe(self, PlantTruth, "plant/truth", self._on_plant, STATES)
-        self._parameters = self.create_client(SetParameters, "selector_node/set_parameters")
+        self._set_parameters = self.create_client(SetParameters, "selector_node/set_parameters")
         self._timer = self.create_timer(_PERIOD, self._command, clock=STEADY)
 
     def excite(self, amplitude: float, frequency: float) -> None:
@@ -77,7 +77,7 @@ class CampaignWatch(BenchWatch):
         """Let the selector send the ceiling to `height` [m], or for 0 where `method` has it. Raises BenchError."""
         values = {"manual_height": height} | ({"method": method} if method else {})
         made = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        answer = self._answer(self._parameters, SetParameters.Request(parameters=made), "selector_node")
+        answer = self._answer(self._set_parameters, SetParameters.Request(parameters=made), "selector_node")
         if refused := [result.reason for result in answer.results if not result.successful]:
             raise BenchError(f"the selector refuses {values}: {refused[0]}")
 
