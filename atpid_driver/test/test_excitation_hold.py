@@ -37,7 +37,7 @@ def run(  # noqa: PLR0913  # what is drawn at random
         past.append(true)
         if len(past) == past.maxlen and generator.mode is ExciterMode.RUNNING:
             mean = np.mean(list(past)[:steps], axis=0) * (1.0 + bias) * (1.0 + noise * random.standard_normal(2))
-            hold.turn(generator.wanted, (mean[0], mean[1]), STEP, window + 0.2)
+            hold.turn(generator.commanded, (mean[0], mean[1]), STEP, window + 0.2)
             generator.factors, generator.waits = hold.factors, hold.waits
         rows.append((k * STEP, *true, hold.held))
     return np.array(rows)

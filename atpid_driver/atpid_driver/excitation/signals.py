@@ -20,7 +20,6 @@ Floats = NDArray[np.float64]
 NOISE_PERIOD = 60.0
 #: Between two samples of a recorded signal at least [s].
 _SHORTEST_STEP = 1e-6
-_TONES = (ExciterKind.SINE, ExciterKind.SWEEP)
 _MOST_BYTES = 100_000_000
 
 
@@ -39,9 +38,11 @@ class Command:
     sequence: int = 0
 
     @property
-    def wave(self) -> object:
-        """What tells one form of signal from another; tones have the same, whatever their frequency."""
-        return None if self.kind in _TONES else (self.kind, self.frequency, self.end_frequency, self.seed, self.file)
+    def wave(self) -> str:
+        """What sets one form of signal apart from another; of a tone, whatever its frequency, and of none empty."""
+        if self.kind not in (ExciterKind.RANDOM, ExciterKind.RECORDED):
+            return ""
+        return repr((self.kind, self.frequency, self.end_frequency, self.seed, self.file))
 
 
 OFF = Command()
@@ -98,29 +99,36 @@ class Generator:
         self.limits, self.rate = limits, rate
         self.command = OFF
         self.amplitude = self.frequency = 0.0
-        self.factors = (1.0, 1.0)  # by which amplitude and frequency differ from the command: those of a controller
-        self.waits = False  # a sweep stays where it is: the controller has to follow first
+        self.correct(1.0, 1.0, waits=False)
         self._turns = 0.0
         self._fall = 0.0  # of the amplitude, while it stops [1/s]
         self._arrived = False  # the output has been at the command
         self._swept = 0.0  # of the sweep [s]
-        self._wave: object = None  # of the signal that is put out; None: a tone
+        self._wave = self._next_wave = ""  # of the signal that is put out, and of the one that is ready
         self._unit = self._next_unit = np.empty(0)  # one period of what is no tone, of size 1
         self._place = 0
 
-    def follow(self, command: Command) -> None:
-        """Go to `command` from what is put out now. Raises CommandRefusedError, and changes nothing."""
+    def follow(self, command: Command, unit: Floats | None = None) -> None:
+        """Go to `command` from what is put out now; unit: its `unit_signal`, where that has been made before.
+
+        Raises CommandRefusedError, and changes nothing.
+        """
         self.limits.check(command)
         if repr(command) == repr(self.command):  # NaN is unequal to itself
             return
         if command.kind is ExciterKind.OFF:
             self.stop()
             return
-        if command.wave is not None and command.wave != self.command.wave:
-            self._next_unit = unit_signal(command, self.rate)
+        if unit is not None or (command.wave and command.wave != self._next_wave):
+            self._next_unit = unit_signal(command, self.rate) if unit is None else unit
+            self._next_wave = command.wave
         self.command = command
         self._arrived, self._swept, self._fall = False, 0.0, 0.0
-        self.factors, self.waits = (1.0, 1.0), False
+        self.correct(1.0, 1.0, waits=False)
+
+    def correct(self, amplitude: float, frequency: float, waits: bool) -> None:
+        """Put out so many times the command's amplitude and frequency; waits: a sweep stays where it is."""
+        self.factors, self.waits = (amplitude, frequency), waits
 
     def stop(self) -> None:
         """Go to no output within `stop_time`."""
@@ -140,7 +148,7 @@ class Generator:
         return ExciterMode.RUNNING if self._arrived else ExciterMode.RAMPING
 
     @property
-    def wanted(self) -> Point:
+    def commanded(self) -> Point:
         """Amplitude and frequency of the command now: a sweep's moves."""
         command = self.command
         if command.kind is ExciterKind.SWEEP:
@@ -161,7 +169,7 @@ class Generator:
         self._go(seconds)
         share = np.arange(1, count + 1) / count
         size = begin.amplitude + share * (self.amplitude - begin.amplitude)
-        if self._wave is not None:
+        if self._wave:
             places = (self._place + np.arange(count)) % len(self._unit)
             self._place = int((self._place + count) % len(self._unit))
             return np.asarray(size * self._unit[places])
@@ -171,19 +179,19 @@ class Generator:
 
     def _go(self, seconds: float) -> None:
         before = self.frequency if self.amplitude else None
-        wanted = self._targets(seconds)
+        goal = self._targets(seconds)
         slope = self.limits.amplitude / self.limits.rise_time
         down = self._fall if self.command.kind is ExciterKind.OFF else slope
-        self.amplitude = _toward(self.amplitude, wanted.amplitude, slope * seconds, down * seconds)
+        self.amplitude = _toward(self.amplitude, goal.amplitude, slope * seconds, down * seconds)
         if before is None or not self.amplitude:
-            self.frequency = wanted.frequency if self.amplitude else self.frequency
-        elif wanted.frequency:
+            self.frequency = goal.frequency if self.amplitude else self.frequency
+        elif goal.frequency:
             step = self.limits.frequency_rate * seconds
-            self.frequency = _toward(self.frequency, wanted.frequency, step, step)
+            self.frequency = _toward(self.frequency, goal.frequency, step, step)
         start = self.frequency if before is None else before
         self._turns = math.fmod(self._turns + 0.5 * (start + self.frequency) * seconds, 1.0)
         self._arrived = self._arrived or (
-            Point(self.amplitude, self.frequency) == wanted and self.command.kind is not ExciterKind.OFF
+            Point(self.amplitude, self.frequency) == goal and self.command.kind is not ExciterKind.OFF
         )
 
     def _targets(self, seconds: float) -> Point:
@@ -197,8 +205,8 @@ class Generator:
             self._wave, self._unit, self._place = command.wave, self._next_unit, 0
         if self._arrived and not self.waits:
             self._swept += seconds
-        wanted = self.wanted
-        return Point(wanted.amplitude * self.factors[0], wanted.frequency * self.factors[1])
+        commanded = self.commanded
+        return Point(commanded.amplitude * self.factors[0], commanded.frequency * self.factors[1])
 
 
 def _toward(value: float, target: float, up: float, down: float) -> float:

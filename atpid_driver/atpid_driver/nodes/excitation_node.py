@@ -189,7 +189,7 @@ class ExcitationNode(SupervisedNode):
         elapsed, self._estimated = (stamp - self._estimated) * 1e-9, stamp
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not 0.0 < elapsed < 1.0:
             return
-        self._hold.turn(self._output.wanted, self._measured, elapsed, estimate.window + LOOP_DELAY)
+        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY)
         amplitude, frequency = self._hold.factors
         self._drive.correct(amplitude, frequency, waits=self._hold.waits)
 
