@@ -138,28 +138,21 @@ def commands_emulated(
     commands = [
         *(command_of(part, parameter_file, ros) for part in first),
         (plant, [*words, "-r", f"sensors/laser:={_BEHIND}", "-r", "excitation/state:=emulated/excitation/state"]),
-        (name, ["env", *_device_environment(place), *labjack]),
+        (name, ["env", *_device_environment(place / "device", f"feed:{place / 'laser'}"), *labjack]),
         *(command_of(part, parameter_file, ros) for part in last),
     ]
     if scene.excitation.is_commanded:
         exciter, words = command_of(EXCITATION, parameter_file, ros)
-        commands.insert(1, (exciter, ["env", *_exciter_environment(place), *words]))
+        own = _device_environment(place / "exciter", output=place / "output")  # another one than that of the lasers
+        commands.insert(1, (exciter, ["env", *own, *words]))
     return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
 
 
-def _exciter_environment(place: Path) -> list[str]:
-    """Return the environment of the device that excites, which is another one than that of the lasers."""
-    control = place / "exciter"
-    Control(control).close()
-    Outputs(place / "output")
-    values = environment(build(), ljm_control=control, ljm_output=place / "output")
-    return [f"{name}={value}" for name, value in values.items()]
-
-
-def _device_environment(place: Path) -> list[str]:
+def _device_environment(control: Path, source: str = "", output: Path | None = None) -> list[str]:
     """Return the environment in which LabJack's package finds the stand-in, which is built where it is missing."""
-    control = place / "device"
     libraries = build()
-    Control(control).close()  # the device's file, which must be there when it is opened
-    return [f"{name}={value}" for name, value in
-            environment(libraries, ljm_control=control, ljm_source=f"feed:{place / 'laser'}").items()]  # fmt: skip
+    Control(control).close()  # the device's files, which must be there when it is opened
+    if output is not None:
+        Outputs(output)
+    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output)
+    return [f"{name}={value}" for name, value in values.items()]

@@ -93,7 +93,7 @@ class GuardedDrive(ExcitationDrive):
         try:
             self._partner.send((name, arguments))
         except OSError:
-            raise self._lost("its process has ended")
+            raise self._lost("its process has ended") from None
 
     def _receive(self) -> tuple[str, Any]:
         """Return the next answer; a state is kept. Raises OutputLostError."""
@@ -101,7 +101,7 @@ class GuardedDrive(ExcitationDrive):
         try:
             name, value = self._partner.recv()
         except (EOFError, OSError):
-            raise self._lost("its process has ended")
+            raise self._lost("its process has ended") from None
         if name == "error":
             raise self._lost(value)
         if name == "state":

@@ -157,8 +157,12 @@ class _Streamed(Outlet):
 
     lead = LEAD
 
+    def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
+        super().__init__(settings, calibration)
+        self._rest = float(volts_of(calibration, np.zeros(1))[0])
+        self._begin()
+
     def _begin(self) -> None:
-        self._rest = float(volts_of(self._calibration, np.zeros(1))[0])
         self._started: float | None = None
         self._written, self._peak = 0, nan
 
@@ -179,12 +183,7 @@ class T7Stream(_Streamed, _T7):
     """A shaker amplifier's input from the T7's stream-out, which needs the device's stream for itself."""
 
     _resets = True
-
-    def open(self) -> str:
-        """See Outlet."""
-        self._begin()
-        self._streams = True  # perhaps, that of a process that was killed
-        return super().open()
+    _streams = True  # perhaps, that of a process that was killed
 
     def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
@@ -223,7 +222,6 @@ class NiStream(_Streamed):
 
     def open(self) -> str:
         """See Outlet."""
-        self._begin()
         self._nidaqmx = nidaqmx.load_nidaqmx(self._settings.library)
         self.rest()
         return f"nidaqmx {self._settings.terminal}"

@@ -246,8 +246,10 @@ def recorded(path: Path, rate: float) -> Floats:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ValueError(f"more than {_MOST_BYTES} bytes")
-        table = np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, comments="#", ndmin=2,
-                           skiprows=_header_lines(path))  # fmt: skip
+        try:
+            table = _table(path, 0)
+        except ValueError:
+            table = _table(path, 1)  # without a heading
         times, values = table.T
         if len(times) < 2 or not np.isfinite(table).all() or np.diff(times).min() < _SHORTEST_STEP:
             raise ValueError("its times have to rise, and all numbers to be finite")
@@ -265,12 +267,5 @@ def recorded(path: Path, rate: float) -> Floats:
     return np.asarray(signal / peak)
 
 
-def _header_lines(path: Path) -> int:
-    """Return 1 where the first line holds words, else 0."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        first = file.readline().replace(",", " ").split()
-    try:
-        [float(word) for word in first]
-    except ValueError:
-        return 0 if first and first[0].startswith("#") else 1
-    return 0
+def _table(path: Path, skipped: int) -> Floats:
+    return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=2, skiprows=skipped)
