@@ -64,6 +64,7 @@ def test_a_tone_is_exact_and_ramps_take_the_time_they_are_given() -> None:
     assert np.abs(u[1000:] - 0.01 * np.sin(2 * np.pi * 5.0 * t[1000:])).max() < 1e-12
     assert mode_of(generator) is ExciterMode.RUNNING
     generator.stop()
+    assert mode_of(generator) is ExciterMode.STOPPING
     rest = np.concatenate([generator.samples(10) for _ in range(12)])
     assert (rest[101:] == 0.0).all()
     assert mode_of(generator) is ExciterMode.OFF
