@@ -194,8 +194,7 @@ while True:
 
 def started(rig: Rig) -> tuple[subprocess.Popen[str], int]:
     """Start a process that drives the output; return it once the output runs, with the process of the output."""
-    values = {name: value for name, value in asdict(rig.settings).items() if name != "limits"}
-    command = [sys.executable, "-c", NODE, json.dumps(values), str(rig.folder)]
+    command = [sys.executable, "-c", NODE, json.dumps(asdict(rig.settings)), str(rig.folder)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     for line in process.stdout:

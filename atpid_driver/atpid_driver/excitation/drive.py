@@ -8,7 +8,7 @@ from math import nan
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.errors import NotReadyError
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Command, Generator, Point
+from atpid_driver.excitation.signals import Command, Generator, Point, check
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
 MOST_LATE = 1.0
@@ -48,7 +48,7 @@ class ExcitationDrive(ABC):
         """Follow `command` along ramps. Raises CommandRefusedError and NotReadyError; the output stays as it is."""
         if not self._enabled:
             raise NotReadyError("the output is off: activate the excitation node")
-        self._settings.check(command)
+        check(self._settings, command)
         self._act("follow", command)
 
     def correct(self, amplitude: float, frequency: float, *, waits: bool) -> None:
@@ -86,7 +86,7 @@ class SimulatedDrive(ExcitationDrive):
     def __init__(self, settings: ExcitationSettings) -> None:
         """Begin unconnected."""
         super().__init__(settings)
-        self._generator = Generator(settings.limits)
+        self._generator = Generator(settings)
         self._connected = False
         self._now: int | None = None
 

@@ -31,7 +31,7 @@ class Process:
         """Begin unopened."""
         self._partner = partner
         self._outlet = OUTLETS[settings.backend](settings, calibration)
-        self._generator = Generator(settings.limits, settings.sample_rate)
+        self._generator = Generator(settings)
         self._received = time.monotonic()
         self._ended = False
         self._output = Output(ExciterMode.OFF)

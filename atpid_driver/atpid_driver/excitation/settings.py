@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the excitation node, declared and checked in one place. Limits have no defaults."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
-from atpid_common.vocabulary import ExciterKind
-from atpid_driver.excitation.errors import CommandRefusedError, ExcitationError
-from atpid_driver.excitation.signals import Command, Limits
+from atpid_driver.excitation.errors import ExcitationError
 from atpid_driver.motor.settings import described
 
 BACKENDS: Final = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
-#: To which a command has to be the amplitude of an eccentric drive [-].
-_AMPLITUDE_MATCH = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +69,6 @@ class ExcitationSettings:
         "the T7 itself switches its outputs off after this silence, where all processes are gone", "s", 1, 60, default=2
     )
     library: str = described("path of the vendor's library; empty: that of the system", default="")
-    limits: Limits = field(init=False)
 
     def __post_init__(self) -> None:
         """Raise `ExcitationError` for an invalid value."""
@@ -90,22 +85,3 @@ class ExcitationSettings:
             raise ExcitationError("calibration is empty: give the file that converts the output's voltage")
         if self.backend != "simulated" and self.lockstep:
             raise ExcitationError(f"lockstep with backend {self.backend}: a real output has its own clock")
-        limits = Limits(self.highest_amplitude, self.lowest_frequency, self.highest_frequency, self.rise_time,
-                        self.frequency_rate, self.stop_time)  # fmt: skip
-        object.__setattr__(self, "limits", limits)
-
-    def check(self, command: Command) -> None:
-        """Raise CommandRefusedError for a command outside the limits, or one that the backend cannot put out."""
-        if self.backend in ("simulated", "labjack_dac") and command.wave:
-            raise CommandRefusedError(
-                f"kind: given {command.kind.name}; backend {self.backend}: allowed OFF, SINE, SWEEP, since it has "
-                "amplitude and frequency alone"
-            )
-        self.limits.check(command)
-        disc = self.highest_amplitude
-        if (self.backend == "labjack_dac" and command.kind is not ExciterKind.OFF
-                and abs(command.amplitude / disc - 1.0) > _AMPLITUDE_MATCH):  # fmt: skip
-            raise CommandRefusedError(
-                f"amplitude: given {command.amplitude:g}; an eccentric drive: allowed {disc:g}, that of its disc "
-                "(highest_amplitude); turn the disc and set it"
-            )

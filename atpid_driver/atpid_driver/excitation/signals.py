@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.errors import CommandRefusedError
+from atpid_driver.excitation.settings import ExcitationSettings
 
 Floats = NDArray[np.float64]
 #: After so long noise repeats itself [s].
@@ -21,6 +22,10 @@ NOISE_PERIOD = 60.0
 #: Between two samples of a recorded signal at least [s].
 _SHORTEST_STEP = 1e-6
 _MOST_BYTES = 100_000_000
+#: Backends that have amplitude and frequency, and no samples.
+TONES_ALONE = ("simulated", "labjack_dac")
+#: Within this share a command has to be the amplitude of an eccentric drive.
+_AMPLITUDE_MATCH = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,40 +53,37 @@ class Command:
 OFF = Command()
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What may be commanded, and how fast the output changes."""
+def check(settings: ExcitationSettings, command: Command) -> None:
+    """Raise CommandRefusedError for a command outside the limits, or one that the backend cannot put out."""
+    kind, amplitude, highest = command.kind, command.amplitude, settings.highest_amplitude
+    if kind is ExciterKind.OFF:
+        return
+    if command.wave and settings.backend in TONES_ALONE:
+        raise CommandRefusedError(
+            f"kind: given {kind.name}; backend {settings.backend}: allowed OFF, SINE, SWEEP, since it has "
+            "amplitude and frequency alone"
+        )
+    if not 0.0 <= amplitude <= highest:
+        raise _refused("amplitude", amplitude, f"0 to {highest:g}")
+    if settings.backend == "labjack_dac" and amplitude < highest * (1.0 - _AMPLITUDE_MATCH):
+        raise _refused(
+            "amplitude", amplitude, f"{highest:g}, that of the disc; turn the disc and set highest_amplitude"
+        )
+    names = {ExciterKind.SINE: ("frequency",), ExciterKind.RECORDED: ()}.get(kind, ("frequency", "end_frequency"))
+    low, high = settings.lowest_frequency, settings.highest_frequency
+    for name in names:
+        if not low <= (value := getattr(command, name)) <= high:
+            raise _refused(name, value, f"{low:g} to {high:g} Hz")
+    if kind is ExciterKind.RANDOM and not command.frequency < command.end_frequency:
+        raise _refused("end_frequency", command.end_frequency, f"above frequency, {command.frequency:g} Hz")
+    if kind is ExciterKind.SWEEP:
+        shortest = abs(command.end_frequency - command.frequency) / settings.frequency_rate
+        if not max(shortest, 1e-3) <= command.duration < math.inf:
+            raise _refused("duration", command.duration, f"at least {shortest:g} s, {settings.frequency_rate:g} Hz/s")
 
-    amplitude: float  # largest [m] or [N]
-    lowest: float  # frequency [Hz]
-    highest: float  # [Hz]
-    rise_time: float  # from nothing to the largest amplitude [s]
-    frequency_rate: float  # [Hz/s]
-    stop_time: float  # from any amplitude to nothing [s]
 
-    def check(self, command: Command) -> None:
-        """Raise CommandRefusedError for a command that may not be followed."""
-        if command.kind is ExciterKind.OFF:
-            return
-        if not 0.0 <= command.amplitude <= self.amplitude:
-            self._refuse("amplitude", command.amplitude, f"0 to {self.amplitude:g}")
-        frequencies = {"frequency": command.frequency, "end_frequency": command.end_frequency}
-        if command.kind is ExciterKind.RECORDED:
-            frequencies = {}
-        elif command.kind is ExciterKind.SINE:
-            del frequencies["end_frequency"]
-        for name, value in frequencies.items():
-            if not self.lowest <= value <= self.highest:
-                self._refuse(name, value, f"{self.lowest:g} to {self.highest:g} Hz")
-        if command.kind is ExciterKind.RANDOM and not command.frequency < command.end_frequency:
-            self._refuse("end_frequency", command.end_frequency, f"above frequency, {command.frequency:g} Hz")
-        if command.kind is ExciterKind.SWEEP:
-            shortest = abs(command.end_frequency - command.frequency) / self.frequency_rate
-            if not max(shortest, 1e-3) <= command.duration < math.inf:
-                self._refuse("duration", command.duration, f"at least {shortest:g} s, {self.frequency_rate:g} Hz/s")
-
-    def _refuse(self, name: str, value: float, allowed: str) -> None:
-        raise CommandRefusedError(f"{name}: given {value:g}; allowed: {allowed}; the output stays as it is")
+def _refused(name: str, value: float, allowed: str) -> CommandRefusedError:
+    return CommandRefusedError(f"{name}: given {value:g}; allowed: {allowed}; the output stays as it is")
 
 
 class Point(NamedTuple):
@@ -94,9 +96,9 @@ class Point(NamedTuple):
 class Generator:
     """Follows commands: amplitude and frequency along ramps, the phase without a jump."""
 
-    def __init__(self, limits: Limits, rate: float = 1000.0) -> None:
-        """Begin with no output; rate: of the samples [Hz]."""
-        self.limits, self.rate = limits, rate
+    def __init__(self, settings: ExcitationSettings) -> None:
+        """Begin with no output."""
+        self.settings, self.rate = settings, settings.sample_rate  # [Hz]
         self.command = OFF
         self.amplitude = self.frequency = 0.0
         self.correct(1.0, 1.0, waits=False)
@@ -113,7 +115,7 @@ class Generator:
 
         Raises CommandRefusedError, and changes nothing.
         """
-        self.limits.check(command)
+        check(self.settings, command)
         if repr(command) == repr(self.command):  # NaN is unequal to itself
             return
         if command.kind is ExciterKind.OFF:
@@ -133,7 +135,7 @@ class Generator:
     def stop(self) -> None:
         """Go to no output within `stop_time`."""
         if self.command.kind is not ExciterKind.OFF or not self._fall:
-            self._fall = self.amplitude / self.limits.stop_time
+            self._fall = self.amplitude / self.settings.stop_time
         self.command, self.waits = OFF, False
 
     def cut(self) -> None:
@@ -180,13 +182,13 @@ class Generator:
     def _go(self, seconds: float) -> None:
         before = self.frequency if self.amplitude else None
         goal = self._targets(seconds)
-        slope = self.limits.amplitude / self.limits.rise_time
+        slope = self.settings.highest_amplitude / self.settings.rise_time
         down = self._fall if self.command.kind is ExciterKind.OFF else slope
         self.amplitude = _toward(self.amplitude, goal.amplitude, slope * seconds, down * seconds)
         if before is None or not self.amplitude:
             self.frequency = goal.frequency if self.amplitude else self.frequency
         elif goal.frequency:
-            step = self.limits.frequency_rate * seconds
+            step = self.settings.frequency_rate * seconds
             self.frequency = _toward(self.frequency, goal.frequency, step, step)
         start = self.frequency if before is None else before
         self._turns = math.fmod(self._turns + 0.5 * (start + self.frequency) * seconds, 1.0)

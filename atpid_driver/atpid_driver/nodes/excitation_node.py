@@ -39,7 +39,7 @@ from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
 #: The node's parameters, as `ExcitationSettings` declares them.
-TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings) if setting.init)
+TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
 COMMANDS, STATE = "excitation/command", "excitation/state"
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
 LOOP_DELAY = 0.2
