@@ -72,7 +72,7 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
     assert jerk.max() < 1.3 * 0.02 * (2 * np.pi * F) ** 2 + 2.0 * 0.2 * 1e3
     modes = [state.mode for state in states]
     assert modes[0] == ExcitationState.OFF == modes[-1]
-    assert {ExcitationState.RAMPING, ExcitationState.RUNNING} <= set(modes)
+    assert {ExcitationState.RAMPING, ExcitationState.RUNNING} <= set(modes)  # the way down is within a block
     found = [message for _, message in bag.messages("/excitation/command")]
     assert [message.kind for message in found][-1] == ExcitationCommand.OFF
 

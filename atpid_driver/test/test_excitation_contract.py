@@ -168,15 +168,32 @@ def test_it_ramps_down_where_the_node_hangs_and_comes_back_by_a_command_only(rea
     assert real.away < 1e-3
 
 
-def test_where_its_process_is_killed_the_node_switches_off(real: Rig) -> None:
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig, how: signal.Signals) -> None:
     real.run()
     assert isinstance(real.drive, GuardedDrive)
     assert real.drive._process is not None
-    os.kill(real.drive._process.pid, signal.SIGKILL)
+    os.kill(real.drive._process.pid, how)
     with pytest.raises(OutputLostError, match="switched off"):
         real.turn_until(lambda _output: False)
     assert real.away == 0.0
     real.run()  # and may be connected again
+
+
+def test_noise_is_put_out_and_comes_back_by_a_command_after_silence(real: Rig) -> None:
+    noise = Command(ExciterKind.RANDOM, 0.002, 2.0, 8.0, seed=1, sequence=3)
+    real.drive.connect()
+    real.drive.enable()
+    if real.settings.backend == "labjack_dac":
+        with pytest.raises(CommandRefusedError, match="given RANDOM; backend labjack_dac"):
+            real.drive.follow(noise)
+        return
+    for _ in range(2):
+        real.drive.follow(noise)
+        real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and output.sequence == 3)
+        assert max(looks(real, 150)) > 0.05  # 0.1 V root mean square
+        until(lambda: steady(real))
+        real.turn_until(lambda output: output.mode is ExciterMode.OFF)
 
 
 NODE = """
@@ -194,8 +211,7 @@ while True:
 
 def started(rig: Rig) -> tuple[subprocess.Popen[str], int]:
     """Start a process that drives the output; return it once the output runs, with the process of the output."""
-    values = {name: value for name, value in asdict(rig.settings).items() if name != "limits"}
-    command = [sys.executable, "-c", NODE, json.dumps(values), str(rig.folder)]
+    command = [sys.executable, "-c", NODE, json.dumps(asdict(rig.settings)), str(rig.folder)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     for line in process.stdout:

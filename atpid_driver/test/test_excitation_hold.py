@@ -9,10 +9,14 @@ import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.hold import Hold
-from atpid_driver.excitation.signals import Command, Generator, Limits
+from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_driver.excitation.signals import Command, Generator
 
 STEP = 0.05  # of the loop: one estimate a block [s]
-LIMITS = Limits(1.0, 0.1, 50.0, 2.0, 5.0, 0.1)
+SETTINGS = ExcitationSettings(
+    backend="simulated", highest_amplitude=1.0, lowest_frequency=0.1, highest_frequency=50.0, rise_time=2.0,
+    frequency_rate=5.0, stop_time=0.1,
+)  # fmt: skip
 Plant = Callable[[float, float, float], float]  # amplitude of the support, of output, frequency and time
 
 
@@ -24,7 +28,7 @@ def run(  # noqa: PLR0913  # what is drawn at random
 
     The estimate is the mean over a window that ended some time ago; lag: time constant of the support's reaction.
     """
-    generator, hold, random = Generator(LIMITS), Hold(0.01, 4.0), np.random.default_rng(seed)
+    generator, hold, random = Generator(SETTINGS), Hold(0.01, 4.0), np.random.default_rng(seed)
     generator.follow(command)
     steps = round(window / STEP)
     past: deque[tuple[float, float]] = deque(maxlen=steps + round(late / STEP))
@@ -37,7 +41,7 @@ def run(  # noqa: PLR0913  # what is drawn at random
         past.append(true)
         if len(past) == past.maxlen and generator.mode is ExciterMode.RUNNING:
             mean = np.mean(list(past)[:steps], axis=0) * (1.0 + bias) * (1.0 + noise * random.standard_normal(2))
-            hold.turn(generator.wanted, (mean[0], mean[1]), STEP, window + 0.2)
+            hold.turn(generator.commanded, (mean[0], mean[1]), STEP, window + 0.2)
             generator.factors, generator.waits = hold.factors, hold.waits
         rows.append((k * STEP, *true, hold.held))
     return np.array(rows)

@@ -10,10 +10,14 @@ from scipy import signal
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.errors import CommandRefusedError
-from atpid_driver.excitation.signals import OFF, Command, Generator, Limits
+from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_driver.excitation.signals import OFF, Command, Generator
 
-LIMITS = Limits(amplitude=0.02, lowest=0.5, highest=200.0, rise_time=1.0, frequency_rate=2.0, stop_time=0.1)
 RATE = 1000.0
+SETTINGS = ExcitationSettings(
+    backend="nidaqmx", calibration="none.yaml", highest_amplitude=0.02, lowest_frequency=0.5, highest_frequency=200.0,
+    rise_time=1.0, frequency_rate=2.0, stop_time=0.1, sample_rate=RATE,
+)  # fmt: skip
 
 
 def mode_of(generator: Generator) -> ExciterMode:
@@ -34,7 +38,7 @@ def piecewise(generator: Generator, random: np.random.Generator, count: int) -> 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_any_commands_give_a_motion_without_a_jump(seed: int) -> None:
-    random, generator = np.random.default_rng(seed), Generator(LIMITS, RATE)
+    random, generator = np.random.default_rng(seed), Generator(SETTINGS)
     values = []
     for number in range(12):
         kind = random.choice(["sine", "sweep", "off"])
@@ -51,12 +55,12 @@ def test_any_commands_give_a_motion_without_a_jump(seed: int) -> None:
     u = np.concatenate(values)
     fastest = 2 * math.pi * 8.0
     # a stop takes 0.1 s: the amplitude's own slope adds to the velocity
-    assert np.abs(np.diff(u)).max() * RATE < 0.02 * (fastest + 1.0 / LIMITS.stop_time) * 1.01
+    assert np.abs(np.diff(u)).max() * RATE < 0.02 * (fastest + 1.0 / SETTINGS.stop_time) * 1.01
     assert np.abs(u).max() <= 0.02
 
 
 def test_a_tone_is_exact_and_ramps_take_the_time_they_are_given() -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(sine())
     u = piecewise(generator, np.random.default_rng(0), 4000)[:4000]
     t = np.arange(1, 4001) / RATE
@@ -64,13 +68,14 @@ def test_a_tone_is_exact_and_ramps_take_the_time_they_are_given() -> None:
     assert np.abs(u[1000:] - 0.01 * np.sin(2 * np.pi * 5.0 * t[1000:])).max() < 1e-12
     assert mode_of(generator) is ExciterMode.RUNNING
     generator.stop()
+    assert mode_of(generator) is ExciterMode.STOPPING
     rest = np.concatenate([generator.samples(10) for _ in range(12)])
     assert (rest[101:] == 0.0).all()
     assert mode_of(generator) is ExciterMode.OFF
 
 
 def test_a_change_of_frequency_keeps_the_phase_and_its_rate() -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(sine())
     before = np.concatenate([generator.samples(10) for _ in range(200)])
     generator.follow(sine(frequency=6.0))
@@ -84,14 +89,14 @@ def test_a_change_of_frequency_keeps_the_phase_and_its_rate() -> None:
 
 
 def test_a_sweep_goes_from_end_to_end_in_its_time_and_waits_where_told() -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(Command(ExciterKind.SWEEP, 0.01, 4.0, 6.0, 10.0))
     seen = [generator.advance(0.05).frequency for _ in range(400)]
     begun = next(k for k, f in enumerate(seen) if f > 4.0)
     ended = next(k for k, f in enumerate(seen) if f == 6.0)
     assert 0.05 * (ended - begun) == pytest.approx(10.0, abs=0.11)
     assert seen[-1] == 6.0
-    again = Generator(LIMITS, RATE)
+    again = Generator(SETTINGS)
     again.follow(Command(ExciterKind.SWEEP, 0.01, 4.0, 6.0, 10.0))
     again.waits = True
     assert {again.advance(0.05).frequency for _ in range(400)} == {4.0}
@@ -99,7 +104,7 @@ def test_a_sweep_goes_from_end_to_end_in_its_time_and_waits_where_told() -> None
 
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_has_its_own_spectrum_size_and_seed(seed: int) -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     command = Command(ExciterKind.RANDOM, 0.005, 10.0, 40.0, seed=seed)
     generator.follow(command)
     for _ in range(100):
@@ -110,9 +115,9 @@ def test_noise_has_its_own_spectrum_size_and_seed(seed: int) -> None:
     inside, outside = (lines > 12) & (lines < 38), (lines < 8) | (lines > 42)
     assert np.mean(density[inside]) == pytest.approx(0.005**2 / 30.0, rel=0.1)
     assert density[outside].max() < 1e-4 * density[inside].mean()
-    other = Generator(LIMITS, RATE)
+    other = Generator(SETTINGS)
     other.follow(Command(ExciterKind.RANDOM, 0.005, 10.0, 40.0, seed=seed))
-    third = Generator(LIMITS, RATE)
+    third = Generator(SETTINGS)
     third.follow(command)
     assert (other.samples(100) == third.samples(100)).all()
 
@@ -122,7 +127,7 @@ def test_a_recorded_signal_is_put_out_at_its_own_times_scaled_to_the_peak(tmp_pa
     values = 3.0 + 7.0 * np.sin(2 * np.pi * 2.0 * t)
     path = tmp_path / "record.csv"
     path.write_text("time,value\n" + "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(t, values, strict=True)))
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(Command(ExciterKind.RECORDED, 0.01, file=str(path)))
     generator.samples(1000)
     u = generator.samples(2000)
@@ -132,7 +137,7 @@ def test_a_recorded_signal_is_put_out_at_its_own_times_scaled_to_the_peak(tmp_pa
 
 
 def test_another_form_of_signal_begins_from_nothing() -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(sine())
     for _ in range(100):
         generator.samples(10)
@@ -158,7 +163,7 @@ def test_another_form_of_signal_begins_from_nothing() -> None:
     ],
 )
 def test_what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing(command: Command, word: str) -> None:
-    generator = Generator(LIMITS, RATE)
+    generator = Generator(SETTINGS)
     generator.follow(sine())
     with pytest.raises(CommandRefusedError) as error:
         generator.follow(command)

@@ -240,7 +240,7 @@ MUTATIONS = (
     ),
     _in(
         "an unconfirmed stop is answered as done",
-        NODES + "motor_node.py",
+        NODES + "supervised_node.py",
         "response.success, response.message = False, str(error)\n        else:\n            again",
         "response.success, response.message = True, str(error)\n        else:\n            again",
         "the operator is answered that a motor is off that is on",

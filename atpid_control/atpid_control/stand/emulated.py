@@ -92,13 +92,9 @@ def _exciter(scene: Scene, place: Path, own: dict[str, Any]) -> tuple[dict[str, 
     """
     level, most = own["backend"] == "labjack_dac", own["highest_amplitude"]
     top = own["highest_frequency"] if level else 3.0 * most  # a controller may need more than the command
-    calibration = Calibration(
-        channel="drive_frequency" if level else "drive_amplitude", sensor="emulated", serial="none",
-        date=datetime.date(2026, 11, 24), source="definition", unit="Hz" if level else scene.driven_by.unit,
-        coefficients=(0.0, top / 5.0) if level else (-top, top / 2.5), limits_volts=(0.0, 5.0),
-    )  # fmt: skip
-    path = place / "exciter.yaml"
-    save(calibration, path)
+    channel, unit = ("drive_frequency", "Hz") if level else ("drive_amplitude", scene.driven_by.unit)
+    coefficients = (0.0, top / 5.0) if level else (-top, top / 2.5)
+    path = _calibrated(place / "exciter.yaml", channel, unit, coefficients, (0.0, 5.0))
     backend = "labjack_dac" if level else "labjack_stream"
     node = own | {"backend": backend, "calibration": str(path), "supervised": True}
     return node, {"output": str(place / "output"), "output_calibration": str(path), "disc": most if level else 0.0}
@@ -109,15 +105,16 @@ def _load_cell(scene: Scene, place: Path) -> Path:
     amplitude = scene.excitation.largest_amplitude
     if not 0.0 < amplitude < math.inf:
         raise BenchError("the emulated stand needs the range of its load cell: give the scene's force an amplitude")
-    path = place / "load_cell.yaml"
-    save(
-        Calibration(
-            channel=scene.driven_by.channel, sensor="emulated", serial="none", date=datetime.date(2026, 11, 23),
-            source="definition, twice the scene's largest amplitude at 10 V", unit=scene.driven_by.unit,
-            coefficients=(0.0, 0.2 * amplitude), limits_volts=(-10.0, 10.0),
-        ),
-        path,
-    )  # fmt: skip
+    drive, gain = scene.driven_by, 0.2 * amplitude  # twice the scene's largest amplitude at 10 V
+    return _calibrated(place / "load_cell.yaml", drive.channel, drive.unit, (0.0, gain), (-10.0, 10.0))
+
+
+def _calibrated(
+    path: Path, channel: str, unit: str, coefficients: tuple[float, float], volts: tuple[float, float]
+) -> Path:
+    """Write the calibration of an emulated device, and return its file."""
+    save(Calibration(channel=channel, sensor="emulated", serial="none", date=datetime.date(2026, 11, 24),
+                     source="definition", unit=unit, coefficients=coefficients, limits_volts=volts), path)  # fmt: skip
     return path
 
 
@@ -138,28 +135,21 @@ def commands_emulated(
     commands = [
         *(command_of(part, parameter_file, ros) for part in first),
         (plant, [*words, "-r", f"sensors/laser:={_BEHIND}", "-r", "excitation/state:=emulated/excitation/state"]),
-        (name, ["env", *_device_environment(place), *labjack]),
+        (name, ["env", *_device_environment(place / "device", f"feed:{place / 'laser'}"), *labjack]),
         *(command_of(part, parameter_file, ros) for part in last),
     ]
     if scene.excitation.is_commanded:
         exciter, words = command_of(EXCITATION, parameter_file, ros)
-        commands.insert(1, (exciter, ["env", *_exciter_environment(place), *words]))
+        own = _device_environment(place / "exciter", output=place / "output")  # another one than that of the lasers
+        commands.insert(1, (exciter, ["env", *own, *words]))
     return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
 
 
-def _exciter_environment(place: Path) -> list[str]:
-    """Return the environment of the device that excites, which is another one than that of the lasers."""
-    control = place / "exciter"
-    Control(control).close()
-    Outputs(place / "output")
-    values = environment(build(), ljm_control=control, ljm_output=place / "output")
-    return [f"{name}={value}" for name, value in values.items()]
-
-
-def _device_environment(place: Path) -> list[str]:
+def _device_environment(control: Path, source: str = "", output: Path | None = None) -> list[str]:
     """Return the environment in which LabJack's package finds the stand-in, which is built where it is missing."""
-    control = place / "device"
     libraries = build()
-    Control(control).close()  # the device's file, which must be there when it is opened
-    return [f"{name}={value}" for name, value in
-            environment(libraries, ljm_control=control, ljm_source=f"feed:{place / 'laser'}").items()]  # fmt: skip
+    Control(control).close()  # the device's files, which must be there when it is opened
+    if output is not None:
+        Outputs(output)
+    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output)
+    return [f"{name}={value}" for name, value in values.items()]

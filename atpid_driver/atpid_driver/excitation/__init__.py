@@ -13,7 +13,7 @@ __all__ = ["BACKENDS", "ExcitationDrive", "ExcitationSettings", "drive_of"]
 def drive_of(settings: ExcitationSettings, calibrations: Callable[[], Path]) -> ExcitationDrive:
     """Return the backend named in `settings`, unconnected; calibrations: returns the folder of the package's files."""
     if settings.backend == "simulated":
-        return SimulatedDrive(settings.limits)
+        return SimulatedDrive(settings)
     from atpid_driver.excitation.guarded import GuardedDrive  # here: a simulated bench does not need it
 
     return GuardedDrive(settings, calibrations())

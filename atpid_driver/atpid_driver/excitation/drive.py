@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol that every exciter's output implements, and the simulated one."""
+"""What every exciter's output does, and the simulated one."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import nan
-from typing import Protocol
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.errors import CommandRefusedError, NotReadyError
-from atpid_driver.excitation.signals import Command, Generator, Limits, Point
+from atpid_driver.excitation.errors import NotReadyError
+from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_driver.excitation.signals import Command, Generator, Point, check
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
 MOST_LATE = 1.0
-
-
 NOWHERE = Point(0.0, 0.0)
 
 
@@ -25,48 +24,70 @@ class Output:
     sequence: int = 0  # of the command followed
     amplitude: float = 0.0  # by the calibration [m] or [N]
     frequency: float = 0.0  # [Hz]
-    wanted: Point = NOWHERE  # of the command, now
+    commanded: Point = NOWHERE  # by the command, now
     volts: float = nan  # peak; NaN: there is none
 
 
-class ExcitationDrive(Protocol):
+class ExcitationDrive(ABC):
     """An exciter's output. All calls come from one thread; any may raise ExcitationError."""
 
+    def __init__(self, settings: ExcitationSettings) -> None:
+        """Begin unconnected."""
+        self._settings = settings
+        self._enabled = False
+
+    @abstractmethod
     def connect(self) -> str:
         """Open the device with its output off, and return what it is."""
 
     def enable(self) -> None:
         """Let commands switch the output on."""
+        self._enabled = True
 
     def follow(self, command: Command) -> None:
         """Follow `command` along ramps. Raises CommandRefusedError and NotReadyError; the output stays as it is."""
+        if not self._enabled:
+            raise NotReadyError("the output is off: activate the excitation node")
+        check(self._settings, command)
+        self._act("follow", command)
 
     def correct(self, amplitude: float, frequency: float, *, waits: bool) -> None:
         """Put out so many times the command's amplitude and frequency; waits: a sweep stays where it is."""
-
-    def turn(self, now: int, /) -> Output:
-        """Go on to the steady time `now` [ns] and return the output; the output ends where these calls end."""
+        held = 1.0 if self._settings.backend == "labjack_dac" else amplitude  # a disc's amplitude is what it is
+        self._act("correct", held, frequency, waits)
 
     def stop(self) -> None:
         """Ramp down within `stop_time`."""
+        self._act("stop")
 
+    @abstractmethod
+    def turn(self, now: int, /) -> Output:
+        """Go on to the steady time `now` [ns] and return the output; the output ends where these calls end."""
+
+    @abstractmethod
     def off(self) -> None:
         """Return when the output is off, at most `stop_time` later; it stays off until `enable`.
 
         Raises OutputLostError where the device does not confirm it.
         """
 
+    @abstractmethod
     def close(self) -> None:
         """Switch off and release the device; no error if it is not open or already gone."""
 
+    @abstractmethod
+    def _act(self, method: str, *arguments: object) -> None:
+        """Call a method of the generator, wherever it is."""
 
-class SimulatedDrive:
+
+class SimulatedDrive(ExcitationDrive):
     """The support, or the force, of a simulated plant, which follows what this puts out."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, settings: ExcitationSettings) -> None:
         """Begin unconnected."""
-        self._generator = Generator(limits)
-        self._connected = self._enabled = False
+        super().__init__(settings)
+        self._generator = Generator(settings)
+        self._connected = False
         self._now: int | None = None
 
     def connect(self) -> str:
@@ -74,34 +95,11 @@ class SimulatedDrive:
         self._connected = True
         return "simulated exciter"
 
-    def enable(self) -> None:
-        """See ExcitationDrive."""
-        self._enabled = True
-
-    def follow(self, command: Command) -> None:
-        """See ExcitationDrive. A plant follows amplitude and frequency, so tones alone."""
-        if command.kind in (ExciterKind.RANDOM, ExciterKind.RECORDED):
-            raise CommandRefusedError(
-                f"kind: given {command.kind.name}; backend simulated: allowed OFF, SINE, SWEEP, since a plant follows "
-                "amplitude and frequency; write it as the scene's excitation"
-            )
-        if not self._enabled:
-            raise NotReadyError("the output is off: activate the excitation node")
-        self._generator.follow(command)
-
-    def correct(self, amplitude: float, frequency: float, *, waits: bool) -> None:
-        """See ExcitationDrive."""
-        self._generator.factors, self._generator.waits = (amplitude, frequency), waits
-
     def turn(self, now: int, /) -> Output:
         """See ExcitationDrive."""
         elapsed, self._now = (0.0 if self._now is None else (now - self._now) * 1e-9), now
         self._generator.advance(min(max(elapsed, 0.0), MOST_LATE))
         return output_of(self._generator) if self._connected else Output(ExciterMode.UNCONFIGURED)
-
-    def stop(self) -> None:
-        """See ExcitationDrive."""
-        self._generator.stop()
 
     def off(self) -> None:
         """See ExcitationDrive: at once, since a plant ramps down by itself until its next sample."""
@@ -113,9 +111,12 @@ class SimulatedDrive:
         self.off()
         self._connected = False
 
+    def _act(self, method: str, *arguments: object) -> None:
+        getattr(self._generator, method)(*arguments)
+
 
 def output_of(generator: Generator, volts: float = nan) -> Output:
     """Return what a generator puts out."""
     command = generator.command
     return Output(generator.mode, command.kind, command.sequence, generator.amplitude,
-                  generator.frequency if generator.amplitude else 0.0, generator.wanted, volts)  # fmt: skip
+                  generator.frequency if generator.amplitude else 0.0, generator.commanded, volts)  # fmt: skip

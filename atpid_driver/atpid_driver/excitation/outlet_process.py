@@ -1,60 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver.excitation.outlet_process`: owns one analogue output, and switches it off by itself.
+"""`python -m atpid_driver.excitation.outlet_process FD`: owns one analogue output, and switches it off by itself.
 
-It reads one JSON object a line from standard input and answers with its state on standard output. When its partner is
-silent, or its input ends because the partner is gone, it ramps down: no output survives the node. It ignores Ctrl-C and
-SIGTERM, which the node receives too.
+It reads requests (name, arguments) from a connection of `multiprocessing` and answers with (name, value). When its
+partner is silent, or the connection ends because the partner is gone, it ramps down: no output survives the node. It
+ignores Ctrl-C and SIGTERM, which the node receives too.
 """
 
-import json
 import math
-import os
-import select
 import signal
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from multiprocessing.connection import Connection
 
-from atpid_common.vocabulary import ExciterKind, ExciterMode
+from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_driver.calibration.model import Calibration
-from atpid_driver.excitation.outlets import NiStream, Outlet, T7Level, T7Stream, calibration_of
+from atpid_driver.excitation.drive import Output
+from atpid_driver.excitation.outlets import OUTLETS
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Command, Generator
+from atpid_driver.excitation.signals import Generator
 
-#: Between two turns; silence of the partner, whose states come every 50 ms, after which the output ramps down [s].
+#: Between two turns; silence of the partner, whose requests come every 50 ms, after which the output ramps down [s].
 PERIOD, SILENCE = 0.01, 0.25
-OUTLETS: dict[str, Callable[[ExcitationSettings, Calibration], Outlet]] = {
-    "labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream,
-}  # fmt: skip
 
 
 class Process:
     """Reads requests, moves the output on, and answers."""
 
-    def __init__(self, settings: ExcitationSettings, folder: Path) -> None:
-        """Make the outlet, unopened. Raises DriverError."""
-        self._outlet: Outlet = OUTLETS[settings.backend](settings, calibration_of(settings, folder))
-        self._generator = Generator(settings.limits, settings.sample_rate)
-        self._settings = settings
-        self._heard = time.monotonic()
-        self._ended = self._reported = False
-        self._rest = b""
-        self._put = (0.0, 0.0, 0.0)
+    def __init__(self, partner: Connection, settings: ExcitationSettings, calibration: Calibration) -> None:
+        """Begin unopened."""
+        self._partner = partner
+        self._outlet = OUTLETS[settings.backend](settings, calibration)
+        self._generator = Generator(settings)
+        self._received = time.monotonic()
+        self._ended = False
+        self._output = Output(ExciterMode.OFF)
 
     def run(self) -> None:
-        """Open the device, and run until the input has ended and the output is off. Raises DriverError."""
-        self._answer({"identity": self._outlet.open()})
+        """Open the device, and run until the connection has ended and the output is off. Raises DriverError."""
         try:
+            self._answer("identity", self._outlet.open())
             due = time.monotonic()
             while not self._ended:
-                due = max(due + PERIOD, time.monotonic() - PERIOD)
-                while (left := due - time.monotonic()) > 0.0 and not self._ended:
-                    if select.select([0], [], [], left)[0]:
-                        self._read()
-                time.sleep(max(0.0, due - time.monotonic()))
+                due = max(due + PERIOD, time.monotonic())
+                while not self._ended and self._partner.poll(max(0.0, due - time.monotonic())):
+                    self._read()
                 self._turn()
             self._ramp_down()
         finally:
@@ -62,9 +52,9 @@ class Process:
 
     def _turn(self) -> None:
         now = time.monotonic()
-        if now - self._heard > SILENCE:
+        if now - self._received > SILENCE:
             self._generator.stop()
-        self._put = self._outlet.put(self._generator, now)
+        self._output = self._outlet.put(self._generator, now)
 
     def _ramp_down(self) -> None:
         """Return when the output is off."""
@@ -78,54 +68,36 @@ class Process:
         self._outlet.rest()
 
     def _read(self) -> None:
-        received = os.read(0, 65536)
-        self._ended = not received
-        *lines, self._rest = (self._rest + received).split(b"\n")
-        for line in lines:
-            self._heard = time.monotonic()
-            self._act(json.loads(line))
-
-    def _act(self, request: dict[str, Any]) -> None:
-        generator = self._generator
-        if "command" in request:
-            values = request["command"]
-            try:
-                generator.follow(Command(**values | {"kind": ExciterKind(values["kind"])}))
-            except DriverError as error:
-                self._answer({"refused": str(error)})
-        elif "factors" in request:
-            generator.factors, generator.waits = tuple(request["factors"]), request["waits"]
-        elif "stop" in request:
-            generator.stop()
-        elif "off" in request:
-            self._ramp_down()
-            self._answer({"off": True})
-        else:
-            self._answer(self._state())
-
-    def _state(self) -> dict[str, Any]:
-        generator = self._generator
-        amplitude, frequency, volts = self._put
-        return {"mode": int(generator.mode), "kind": int(generator.command.kind),
-                "sequence": generator.command.sequence, "amplitude": amplitude, "frequency": frequency,
-                "wanted": generator.wanted, "volts": volts}  # fmt: skip
-
-    def _answer(self, message: dict[str, Any]) -> None:
         try:
-            os.write(1, json.dumps(message).encode() + b"\n")
-        except BrokenPipeError:
+            name, arguments = self._partner.recv()
+        except (EOFError, OSError):
+            self._ended = True
+            return
+        self._received = time.monotonic()
+        if name == "state":
+            self._answer(name, self._output)
+        elif name == "off":
+            self._ramp_down()
+            self._answer(name)
+        else:
+            getattr(self._generator, name)(*arguments)
+
+    def _answer(self, name: str, value: object = None) -> None:
+        try:
+            self._partner.send((name, value))
+        except OSError:
             self._ended = True
 
 
 def main() -> int:
-    """Run with the settings of the command line; return the exit status, with one line on standard output before."""
+    """Run on the connection whose number the command line has; return the exit status, an error answered before."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    partner = Connection(int(sys.argv[1]))
     try:
-        Process(ExcitationSettings(**json.loads(sys.argv[1])), Path(sys.argv[2])).run()
+        Process(partner, *partner.recv()).run()
     except DriverError as error:
-        os.write(1, json.dumps({"error": str(error)}).encode() + b"\n")
+        partner.send(("error", str(error)))
         return 1
     return 0
 

@@ -6,27 +6,26 @@ aperiodic_stream_out.py), not tried on a device: UNVERIFIED.
 """
 
 import importlib
+from abc import ABC, abstractmethod
+from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from atpid_common.vocabulary import ExciterKind
 from atpid_driver.acquisition import labjack, nidaqmx
 from atpid_driver.acquisition.errors import AcquisitionError, SetupRefusedError
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import Calibration, CalibrationError, load
-from atpid_driver.excitation.errors import CommandRefusedError
+from atpid_driver.excitation.drive import Output, output_of
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Command, Generator
+from atpid_driver.excitation.signals import Floats, Generator
 
 #: A streamed output is written so far ahead [s]: a stop waits for so long before its ramp begins.
 LEAD = 0.04
 #: Of the T7's stream-out that is used, and the address of its place in a scan list.
 _STREAM_OUT, _STREAM_OUT_ADDRESS = 0, 4800
-_AMPLITUDE_MATCH = 0.01
 
 
 def calibration_of(settings: ExcitationSettings, folder: Path) -> Calibration:
@@ -41,50 +40,46 @@ def calibration_of(settings: ExcitationSettings, folder: Path) -> Calibration:
     return found
 
 
-def check_command(settings: ExcitationSettings, command: Command) -> None:
-    """Raise CommandRefusedError for a command that the backend cannot put out, whatever its limits."""
-    if settings.backend != "labjack_dac" or command.kind is ExciterKind.OFF:
-        return
-    if command.kind in (ExciterKind.RANDOM, ExciterKind.RECORDED):
-        raise CommandRefusedError(f"kind: given {command.kind.name}; an eccentric drive: allowed OFF, SINE, SWEEP")
-    disc = settings.highest_amplitude
-    if abs(command.amplitude / disc - 1.0) > _AMPLITUDE_MATCH:
-        raise CommandRefusedError(
-            f"amplitude: given {command.amplitude:g}; an eccentric drive: allowed {disc:g}, that of its disc "
-            "(highest_amplitude); turn the disc and set it"
-        )
-
-
-class Outlet(Protocol):
+class Outlet(ABC):
     """The voltage of one output. All calls come from one thread; any may raise DriverError."""
 
-    lead: float  # from a change of the generator to that of the output [s]
+    lead = 0.0  # from a change of the generator to that of the output [s]
 
+    def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
+        """Begin unopened."""
+        self._settings, self._calibration = settings, calibration
+        self._rest = 0.0  # [V]
+
+    @abstractmethod
     def open(self) -> str:
         """Open the device, its output at rest and its own watchdog on; return what it is."""
 
-    def put(self, generator: Generator, now: float) -> tuple[float, float, float]:
-        """Go on to the steady time `now` [s]; return amplitude, frequency [Hz] and peak [V] of the output."""
+    @abstractmethod
+    def put(self, generator: Generator, now: float) -> Output:
+        """Go on to the steady time `now` [s]; return what is put out."""
 
+    @abstractmethod
     def rest(self) -> None:
         """Put out nothing at once."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release the device; no error if it is not open or already gone."""
 
+    def _volts(self, values: Floats) -> Floats:
+        """Return the voltages (n,) of values (n,) of the calibration, within its range."""
+        return np.clip(volts_of(self._calibration, values), *self._calibration.limits_volts)
 
-class _T7:
+
+class _T7(Outlet):
     """What both outputs of a T7 share: the device, and the watchdog that switches its outputs off by itself."""
 
-    lead = 0.0
     _resets = False  # whether the watchdog resets the device, which also ends a stream
 
     def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
-        self._settings, self._calibration = settings, calibration
+        super().__init__(settings, calibration)
         self._ljm: Any = None
         self._handle: int | None = None
-        self._now: float | None = None
-        self._rest = 0.0  # [V]
 
     def open(self) -> str:
         """See Outlet."""
@@ -116,10 +111,6 @@ class _T7:
         names, values = ["WATCHDOG_ENABLE_DEFAULT", *names], [0.0, *wanted.values(), 1.0]
         self._call("eWriteNames", len(names), names, values)
 
-    def _elapsed(self, now: float) -> float:
-        before, self._now = self._now, now
-        return 0.0 if before is None else max(0.0, now - before)
-
     def _call(self, name: str, *arguments: object) -> Any:
         return labjack.call(self._ljm, name, self._handle, *arguments)
 
@@ -145,72 +136,68 @@ class T7Level(_T7):
     The share of the amplitude that the generator's ramp has reached is the share of the frequency.
     """
 
-    def put(self, generator: Generator, now: float) -> tuple[float, float, float]:
+    _now: float | None = None  # of the last turn [s]
+
+    def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
-        generator.advance(self._elapsed(now))
+        before, self._now = self._now, now
+        generator.advance(0.0 if before is None else max(0.0, now - before))
         disc = self._settings.highest_amplitude
-        wanted = generator.frequency * min(1.0, generator.amplitude / disc)
-        volts = self._rest
-        if wanted > 0.0:
-            low, high = self._calibration.limits_volts
-            volts = float(np.clip(volts_of(self._calibration, np.array([wanted])), low, high)[0])
+        goal = generator.frequency * min(1.0, generator.amplitude / disc)
+        volts = float(self._volts(np.array([goal]))[0]) if goal > 0.0 else self._rest
         self._call("eWriteName", self._settings.terminal, volts)
         if volts == self._rest:
-            return 0.0, 0.0, volts
-        return disc, max(0.0, float(si_of(self._calibration, np.array([volts]))[0][0])), volts
+            return replace(output_of(generator, volts), amplitude=0.0, frequency=0.0)
+        frequency = max(0.0, float(si_of(self._calibration, np.array([volts]))[0][0]))
+        return replace(output_of(generator, volts), amplitude=disc, frequency=frequency)
 
 
-class _Streamed:
+class _Streamed(Outlet):
     """What streamed outputs share: samples so far ahead of the clock."""
-
-    _calibration: Calibration
-    _settings: ExcitationSettings
 
     lead = LEAD
 
+    def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
+        super().__init__(settings, calibration)
+        self._rest = float(volts_of(calibration, np.zeros(1))[0])
+        self._begin()
+
     def _begin(self) -> None:
-        self._rest = float(volts_of(self._calibration, np.zeros(1))[0])
         self._started: float | None = None
         self._written, self._peak = 0, nan
 
-    def _next(self, generator: Generator, now: float, rate: float) -> NDArray[np.float64]:
+    def _next(self, generator: Generator, now: float) -> Floats:
         """Return the volts (n,) that are due at the steady time `now` [s]; empty: none."""
         if self._started is None:
             self._started = now
-        due = round((now - self._started + LEAD) * rate) - self._written
+        due = round((now - self._started + LEAD) * generator.rate) - self._written
         if due <= 0:
             return np.empty(0)
         self._written += due
-        low, high = self._calibration.limits_volts
-        volts = np.clip(volts_of(self._calibration, generator.samples(due)), low, high)
+        volts = self._volts(generator.samples(due))
         self._peak = float(np.abs(volts - self._rest).max())
-        return np.asarray(volts)
+        return volts
 
 
 class T7Stream(_Streamed, _T7):
     """A shaker amplifier's input from the T7's stream-out, which needs the device's stream for itself."""
 
     _resets = True
+    _streams = True  # perhaps, that of a process that was killed
 
-    def open(self) -> str:
-        """See Outlet."""
-        self._begin()
-        self._streams = True  # perhaps, that of a process that was killed
-        return super().open()
-
-    def put(self, generator: Generator, now: float) -> tuple[float, float, float]:
+    def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
         if not self._streams:
             self._begin()
             target = int(labjack.call(self._ljm, "nameToAddress", self._settings.terminal)[0])
             self._call("initializeAperiodicStreamOut", _STREAM_OUT, target, generator.rate)
-        volts = self._next(generator, now, generator.rate)
+        volts = self._next(generator, now)
         if len(volts):
             self._call("writeAperiodicStreamOut", _STREAM_OUT, len(volts), volts.tolist())
         if not self._streams:
             self._call("eStreamStart", 1, 1, [_STREAM_OUT_ADDRESS], generator.rate)
             self._streams = True
-        return generator.amplitude, generator.frequency if generator.amplitude else 0.0, self._peak
+        return output_of(generator, self._peak)
 
     def rest(self) -> None:
         """See Outlet: the stream ends, and the output is set."""
@@ -229,18 +216,17 @@ class NiStream(_Streamed):
 
     def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
         """Begin unopened."""
-        self._settings, self._calibration = settings, calibration
+        super().__init__(settings, calibration)
         self._nidaqmx: Any = None
         self._task: Any = None
 
     def open(self) -> str:
         """See Outlet."""
-        self._begin()
         self._nidaqmx = nidaqmx.load_nidaqmx(self._settings.library)
         self.rest()
         return f"nidaqmx {self._settings.terminal}"
 
-    def put(self, generator: Generator, now: float) -> tuple[float, float, float]:
+    def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
         with nidaqmx.named_errors(self._nidaqmx):
             starts = self._task is None
@@ -252,12 +238,12 @@ class NiStream(_Streamed):
                     rate, sample_mode=constants.AcquisitionType.CONTINUOUS, samps_per_chan=round(rate)
                 )
                 self._task.out_stream.regen_mode = constants.RegenerationMode.DONT_ALLOW_REGENERATION
-            volts = self._next(generator, now, generator.rate)
+            volts = self._next(generator, now)
             if len(volts):
                 self._writer.write_many_sample(volts)
             if starts:
                 self._task.start()
-        return generator.amplitude, generator.frequency if generator.amplitude else 0.0, self._peak
+        return output_of(generator, self._peak)
 
     def rest(self) -> None:
         """See Outlet: the stream ends, and one sample is written at once."""
@@ -284,3 +270,8 @@ class NiStream(_Streamed):
         writer = writers.AnalogSingleChannelWriter(task.out_stream)
         writer.verify_array_shape = False
         return task, writer
+
+
+OUTLETS: dict[str, type[_T7 | NiStream]] = {
+    "labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream,
+}  # fmt: skip

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the excitation node, declared and checked in one place. Limits have no defaults."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
 from atpid_driver.excitation.errors import ExcitationError
-from atpid_driver.excitation.signals import Limits
 from atpid_driver.motor.settings import described
 
 BACKENDS: Final = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
@@ -70,7 +69,6 @@ class ExcitationSettings:
         "the T7 itself switches its outputs off after this silence, where all processes are gone", "s", 1, 60, default=2
     )
     library: str = described("path of the vendor's library; empty: that of the system", default="")
-    limits: Limits = field(init=False)
 
     def __post_init__(self) -> None:
         """Raise `ExcitationError` for an invalid value."""
@@ -87,6 +85,3 @@ class ExcitationSettings:
             raise ExcitationError("calibration is empty: give the file that converts the output's voltage")
         if self.backend != "simulated" and self.lockstep:
             raise ExcitationError(f"lockstep with backend {self.backend}: a real output has its own clock")
-        limits = Limits(self.highest_amplitude, self.lowest_frequency, self.highest_frequency, self.rise_time,
-                        self.frequency_rate, self.stop_time)  # fmt: skip
-        object.__setattr__(self, "limits", limits)

@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.errors import CommandRefusedError
+from atpid_driver.excitation.settings import ExcitationSettings
 
 Floats = NDArray[np.float64]
 #: After so long noise repeats itself [s].
 NOISE_PERIOD = 60.0
 #: Between two samples of a recorded signal at least [s].
 _SHORTEST_STEP = 1e-6
-_TONES = (ExciterKind.SINE, ExciterKind.SWEEP)
 _MOST_BYTES = 100_000_000
+#: Backends that have amplitude and frequency, and no samples.
+TONES_ALONE = ("simulated", "labjack_dac")
+#: Within this share a command has to be the amplitude of an eccentric drive.
+_AMPLITUDE_MATCH = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,48 +43,47 @@ class Command:
     sequence: int = 0
 
     @property
-    def wave(self) -> object:
-        """What tells one form of signal from another; tones have the same, whatever their frequency."""
-        return None if self.kind in _TONES else (self.kind, self.frequency, self.end_frequency, self.seed, self.file)
+    def wave(self) -> str:
+        """What sets one form of signal apart from another; of a tone, whatever its frequency, and of none empty."""
+        if self.kind not in (ExciterKind.RANDOM, ExciterKind.RECORDED):
+            return ""
+        return repr((self.kind, self.frequency, self.end_frequency, self.seed, self.file))
 
 
 OFF = Command()
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What may be commanded, and how fast the output changes."""
+def check(settings: ExcitationSettings, command: Command) -> None:
+    """Raise CommandRefusedError for a command outside the limits, or one that the backend cannot put out."""
+    kind, amplitude, highest = command.kind, command.amplitude, settings.highest_amplitude
+    if kind is ExciterKind.OFF:
+        return
+    if command.wave and settings.backend in TONES_ALONE:
+        raise CommandRefusedError(
+            f"kind: given {kind.name}; backend {settings.backend}: allowed OFF, SINE, SWEEP, since it has "
+            "amplitude and frequency alone"
+        )
+    if not 0.0 <= amplitude <= highest:
+        raise _refused("amplitude", amplitude, f"0 to {highest:g}")
+    if settings.backend == "labjack_dac" and amplitude < highest * (1.0 - _AMPLITUDE_MATCH):
+        raise _refused(
+            "amplitude", amplitude, f"{highest:g}, that of the disc; turn the disc and set highest_amplitude"
+        )
+    names = {ExciterKind.SINE: ("frequency",), ExciterKind.RECORDED: ()}.get(kind, ("frequency", "end_frequency"))
+    low, high = settings.lowest_frequency, settings.highest_frequency
+    for name in names:
+        if not low <= (value := getattr(command, name)) <= high:
+            raise _refused(name, value, f"{low:g} to {high:g} Hz")
+    if kind is ExciterKind.RANDOM and not command.frequency < command.end_frequency:
+        raise _refused("end_frequency", command.end_frequency, f"above frequency, {command.frequency:g} Hz")
+    if kind is ExciterKind.SWEEP:
+        shortest = abs(command.end_frequency - command.frequency) / settings.frequency_rate
+        if not max(shortest, 1e-3) <= command.duration < math.inf:
+            raise _refused("duration", command.duration, f"at least {shortest:g} s, {settings.frequency_rate:g} Hz/s")
 
-    amplitude: float  # largest [m] or [N]
-    lowest: float  # frequency [Hz]
-    highest: float  # [Hz]
-    rise_time: float  # from nothing to the largest amplitude [s]
-    frequency_rate: float  # [Hz/s]
-    stop_time: float  # from any amplitude to nothing [s]
 
-    def check(self, command: Command) -> None:
-        """Raise CommandRefusedError for a command that may not be followed."""
-        if command.kind is ExciterKind.OFF:
-            return
-        if not 0.0 <= command.amplitude <= self.amplitude:
-            self._refuse("amplitude", command.amplitude, f"0 to {self.amplitude:g}")
-        frequencies = {"frequency": command.frequency, "end_frequency": command.end_frequency}
-        if command.kind is ExciterKind.RECORDED:
-            frequencies = {}
-        elif command.kind is ExciterKind.SINE:
-            del frequencies["end_frequency"]
-        for name, value in frequencies.items():
-            if not self.lowest <= value <= self.highest:
-                self._refuse(name, value, f"{self.lowest:g} to {self.highest:g} Hz")
-        if command.kind is ExciterKind.RANDOM and not command.frequency < command.end_frequency:
-            self._refuse("end_frequency", command.end_frequency, f"above frequency, {command.frequency:g} Hz")
-        if command.kind is ExciterKind.SWEEP:
-            shortest = abs(command.end_frequency - command.frequency) / self.frequency_rate
-            if not max(shortest, 1e-3) <= command.duration < math.inf:
-                self._refuse("duration", command.duration, f"at least {shortest:g} s, {self.frequency_rate:g} Hz/s")
-
-    def _refuse(self, name: str, value: float, allowed: str) -> None:
-        raise CommandRefusedError(f"{name}: given {value:g}; allowed: {allowed}; the output stays as it is")
+def _refused(name: str, value: float, allowed: str) -> CommandRefusedError:
+    return CommandRefusedError(f"{name}: given {value:g}; allowed: {allowed}; the output stays as it is")
 
 
 class Point(NamedTuple):
@@ -93,39 +96,46 @@ class Point(NamedTuple):
 class Generator:
     """Follows commands: amplitude and frequency along ramps, the phase without a jump."""
 
-    def __init__(self, limits: Limits, rate: float = 1000.0) -> None:
-        """Begin with no output; rate: of the samples [Hz]."""
-        self.limits, self.rate = limits, rate
+    def __init__(self, settings: ExcitationSettings) -> None:
+        """Begin with no output."""
+        self.settings, self.rate = settings, settings.sample_rate  # [Hz]
         self.command = OFF
         self.amplitude = self.frequency = 0.0
-        self.factors = (1.0, 1.0)  # by which amplitude and frequency differ from the command: those of a controller
-        self.waits = False  # a sweep stays where it is: the controller has to follow first
+        self.correct(1.0, 1.0, waits=False)
         self._turns = 0.0
         self._fall = 0.0  # of the amplitude, while it stops [1/s]
         self._arrived = False  # the output has been at the command
         self._swept = 0.0  # of the sweep [s]
-        self._wave: object = None  # of the signal that is put out; None: a tone
+        self._wave = self._next_wave = ""  # of the signal that is put out, and of the one that is ready
         self._unit = self._next_unit = np.empty(0)  # one period of what is no tone, of size 1
         self._place = 0
 
-    def follow(self, command: Command) -> None:
-        """Go to `command` from what is put out now. Raises CommandRefusedError, and changes nothing."""
-        self.limits.check(command)
+    def follow(self, command: Command, unit: Floats | None = None) -> None:
+        """Go to `command` from what is put out now; unit: its `unit_signal`, where that has been made before.
+
+        Raises CommandRefusedError, and changes nothing.
+        """
+        check(self.settings, command)
         if repr(command) == repr(self.command):  # NaN is unequal to itself
             return
         if command.kind is ExciterKind.OFF:
             self.stop()
             return
-        if command.wave is not None and command.wave != self.command.wave:
-            self._next_unit = unit_signal(command, self.rate)
+        if unit is not None or (command.wave and command.wave != self._next_wave):
+            self._next_unit = unit_signal(command, self.rate) if unit is None else unit
+            self._next_wave = command.wave
         self.command = command
         self._arrived, self._swept, self._fall = False, 0.0, 0.0
-        self.factors, self.waits = (1.0, 1.0), False
+        self.correct(1.0, 1.0, waits=False)
+
+    def correct(self, amplitude: float, frequency: float, waits: bool) -> None:
+        """Put out so many times the command's amplitude and frequency; waits: a sweep stays where it is."""
+        self.factors, self.waits = (amplitude, frequency), waits
 
     def stop(self) -> None:
         """Go to no output within `stop_time`."""
         if self.command.kind is not ExciterKind.OFF or not self._fall:
-            self._fall = self.amplitude / self.limits.stop_time
+            self._fall = self.amplitude / self.settings.stop_time
         self.command, self.waits = OFF, False
 
     def cut(self) -> None:
@@ -140,7 +150,7 @@ class Generator:
         return ExciterMode.RUNNING if self._arrived else ExciterMode.RAMPING
 
     @property
-    def wanted(self) -> Point:
+    def commanded(self) -> Point:
         """Amplitude and frequency of the command now: a sweep's moves."""
         command = self.command
         if command.kind is ExciterKind.SWEEP:
@@ -161,7 +171,7 @@ class Generator:
         self._go(seconds)
         share = np.arange(1, count + 1) / count
         size = begin.amplitude + share * (self.amplitude - begin.amplitude)
-        if self._wave is not None:
+        if self._wave:
             places = (self._place + np.arange(count)) % len(self._unit)
             self._place = int((self._place + count) % len(self._unit))
             return np.asarray(size * self._unit[places])
@@ -171,19 +181,19 @@ class Generator:
 
     def _go(self, seconds: float) -> None:
         before = self.frequency if self.amplitude else None
-        wanted = self._targets(seconds)
-        slope = self.limits.amplitude / self.limits.rise_time
+        goal = self._targets(seconds)
+        slope = self.settings.highest_amplitude / self.settings.rise_time
         down = self._fall if self.command.kind is ExciterKind.OFF else slope
-        self.amplitude = _toward(self.amplitude, wanted.amplitude, slope * seconds, down * seconds)
+        self.amplitude = _toward(self.amplitude, goal.amplitude, slope * seconds, down * seconds)
         if before is None or not self.amplitude:
-            self.frequency = wanted.frequency if self.amplitude else self.frequency
-        elif wanted.frequency:
-            step = self.limits.frequency_rate * seconds
-            self.frequency = _toward(self.frequency, wanted.frequency, step, step)
+            self.frequency = goal.frequency if self.amplitude else self.frequency
+        elif goal.frequency:
+            step = self.settings.frequency_rate * seconds
+            self.frequency = _toward(self.frequency, goal.frequency, step, step)
         start = self.frequency if before is None else before
         self._turns = math.fmod(self._turns + 0.5 * (start + self.frequency) * seconds, 1.0)
         self._arrived = self._arrived or (
-            Point(self.amplitude, self.frequency) == wanted and self.command.kind is not ExciterKind.OFF
+            Point(self.amplitude, self.frequency) == goal and self.command.kind is not ExciterKind.OFF
         )
 
     def _targets(self, seconds: float) -> Point:
@@ -197,8 +207,8 @@ class Generator:
             self._wave, self._unit, self._place = command.wave, self._next_unit, 0
         if self._arrived and not self.waits:
             self._swept += seconds
-        wanted = self.wanted
-        return Point(wanted.amplitude * self.factors[0], wanted.frequency * self.factors[1])
+        commanded = self.commanded
+        return Point(commanded.amplitude * self.factors[0], commanded.frequency * self.factors[1])
 
 
 def _toward(value: float, target: float, up: float, down: float) -> float:
@@ -238,8 +248,10 @@ def recorded(path: Path, rate: float) -> Floats:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ValueError(f"more than {_MOST_BYTES} bytes")
-        table = np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, comments="#", ndmin=2,
-                           skiprows=_header_lines(path))  # fmt: skip
+        try:
+            table = _table(path, 0)
+        except ValueError:
+            table = _table(path, 1)  # without a heading
         times, values = table.T
         if len(times) < 2 or not np.isfinite(table).all() or np.diff(times).min() < _SHORTEST_STEP:
             raise ValueError("its times have to rise, and all numbers to be finite")
@@ -257,12 +269,5 @@ def recorded(path: Path, rate: float) -> Floats:
     return np.asarray(signal / peak)
 
 
-def _header_lines(path: Path) -> int:
-    """Return 1 where the first line holds words, else 0."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        first = file.readline().replace(",", " ").split()
-    try:
-        [float(word) for word in first]
-    except ValueError:
-        return 0 if first and first[0].startswith("#") else 1
-    return 0
+def _table(path: Path, skipped: int) -> Floats:
+    return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=2, skiprows=skipped)

@@ -3,36 +3,17 @@
 
 import time
 from collections.abc import Callable
-from typing import Protocol
 
 from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from atpid_common.latency import Latencies
+from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.motor.errors import CommandStaleError
 from atpid_driver.motor.freshness import Freshness
+from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.nodes.authority import Commander
-
-
-class GateSettings(Protocol):
-    """The parameters that decide about commands; see `MotorSettings`."""
-
-    @property
-    def lockstep(self) -> bool:
-        """Commands have no age."""
-
-    @property
-    def commander(self) -> str:
-        """Name of the only node whose commands are followed, or empty."""
-
-    @property
-    def command_timeout(self) -> float:
-        """A command that waited longer is ignored [s]."""
-
-    @property
-    def stale_timeout(self) -> float:
-        """Silence after which a publisher has left [s]."""
 
 
 class CommandGate:
@@ -43,8 +24,9 @@ class CommandGate:
     """
 
     def __init__(
-        self, node: Node, topic: str, settings: GateSettings, publish_event: Callable[[int, str, float, str], None]
-    ) -> None:
+        self, node: Node, topic: str, settings: MotorSettings | ExcitationSettings,
+        publish_event: Callable[[int, str, float, str], None],
+    ) -> None:  # fmt: skip
         """Begin; publish_event: called with severity, kind, value and text."""
         self._settings, self._publish_event = settings, publish_event
         self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)

@@ -7,7 +7,6 @@ that gets no more commands ramps down. Where it is supervised there is output on
 """
 
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
@@ -17,12 +16,10 @@ from typing import Any
 from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
@@ -42,11 +39,10 @@ from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
 #: The node's parameters, as `ExcitationSettings` declares them.
-TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings) if setting.init)
+TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
 COMMANDS, STATE = "excitation/command", "excitation/state"
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
 LOOP_DELAY = 0.2
-_LEVELS = {ExciterMode.FAULT: DiagnosticStatus.ERROR, ExciterMode.UNCONFIGURED: DiagnosticStatus.ERROR}
 
 
 def command_of(message: ExcitationCommand) -> Command:
@@ -64,26 +60,26 @@ def command_of(message: ExcitationCommand) -> Command:
 class ExcitationNode(SupervisedNode):
     """Puts out what `excitation/command` asks for: see the module's text."""
 
+    settings: ExcitationSettings
+
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
-        super().__init__("excitation_node", **kwargs)
+        super().__init__("excitation_node", "excitation", **kwargs)
         try:
             self.settings = ExcitationSettings(**declare(self, TABLE))
             self._drive = drive_of(self.settings, shipped_calibrations)
         except InputError:
             self.leave_graph()
             raise
-        self._stamp = 0
         self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction)
         self._command, self._fault, self._measured = OFF, "", (nan, nan)
         self._estimated = 0  # stamp of the last estimate acted on [ns]
         self._output = Output(ExciterMode.UNCONFIGURED)
         self._open_topics()
-        self._begin(autostart=self.settings.autostart)
+        self._begin()
 
     def _open_topics(self) -> None:
         lockstep = self.settings.lockstep
-        self._events = EventPublisher(self)
         self._supervision = NodeMonitors(self, self._events.publish, self._statuses, self.settings.stale_timeout,
                                          self._on_silence, enabled=not lockstep)  # fmt: skip
         self._supervision.stale.watch(COMMANDS, "the excitation ramps down")
@@ -99,7 +95,6 @@ class ExcitationNode(SupervisedNode):
         self._permit = MotionPermit(
             self, self._stop, self.settings.supervision_timeout, self._ramp_down_without_permit, supervised=supervised
         )
-        self.create_service(Trigger, "~/stop", self._on_stop)
 
     def _on_event(self, event: Event) -> None:
         if event.kind == Event.STARTED:
@@ -189,7 +184,7 @@ class ExcitationNode(SupervisedNode):
         elapsed, self._estimated = (stamp - self._estimated) * 1e-9, stamp
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not 0.0 < elapsed < 1.0:
             return
-        self._hold.turn(self._output.wanted, self._measured, elapsed, estimate.window + LOOP_DELAY)
+        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY)
         amplitude, frequency = self._hold.factors
         self._drive.correct(amplitude, frequency, waits=self._hold.waits)
 
@@ -241,42 +236,18 @@ class ExcitationNode(SupervisedNode):
             self._command = OFF
             self._drive.stop()
 
-    def _stop(self, reason: str) -> None:
-        """Switch the output off, once; it stays off until the node is activated again."""
-        self._end_starting()
-        if self._active:
-            self.trigger_deactivate()
-            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"excitation switched off: {reason}")
-
-    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop at once on request of the operator: the answer is the device's own state."""
-        self._stop("stopped by the operator")
-        try:
-            if self._connected:
-                self._drive.off()  # confirmed before, or once more
-        except OutputLostError as error:
-            response.success, response.message = False, str(error)
-        else:
-            again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
-            response.success, response.message = True, f"excitation off; {again} lets it be switched on again"
-        return response
+    def _off(self) -> None:
+        self._drive.off()
 
     def _statuses(self) -> list[DiagnosticStatus]:
         output = self._output
         values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}",
                   "frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}",
                   "error, with hold": f"{self._hold.error:.4f}"}  # fmt: skip
-        level = DiagnosticStatus.ERROR if self._fault else _LEVELS.get(output.mode, DiagnosticStatus.OK)
+        wrong = self._fault or output.mode in (ExciterMode.FAULT, ExciterMode.UNCONFIGURED)
+        level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK
         message = self._fault or output.mode.name.lower()
         return [status(self, "excitation", level, message, values), self._gate.status()]
-
-    def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
-        stamp = time_of(self._stamp) if self.settings.lockstep else None
-        self._events.publish(severity, kind, text, value, stamp)
-
-    def _now(self) -> int:
-        """Return the time the output goes by [ns]: the last estimate's stamp in lockstep, else the steady clock."""
-        return self._stamp if self.settings.lockstep else time.monotonic_ns()
 
 
 main: Callable[[], int] = partial(run_node, ExcitationNode, priority=LOOP_PRIORITY)

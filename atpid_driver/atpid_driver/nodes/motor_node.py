@@ -25,7 +25,6 @@ from std_srvs.srv import Trigger
 from atpid_common.errors import BAD_INPUT, InputError
 from atpid_common.injected_faults import Injected
 from atpid_common.nodes.checked import subscribe
-from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Publish
@@ -38,6 +37,7 @@ from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import HeightRefusedError, MotorError, NotReadyError, StopNotConfirmedError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
+from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.nodes.authority import MotionPermit
 from atpid_driver.nodes.command_gate import CommandGate
 from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
@@ -52,9 +52,11 @@ COMMANDS, STATE = "ceiling/command", "ceiling/state"
 class MotorNode(SupervisedNode):
     """Moves the ceiling to the heights of `ceiling/command`, in lockstep or in real time: see the module's text."""
 
+    settings: MotorSettings
+
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
-        super().__init__("motor_node", **kwargs)
+        super().__init__("motor_node", "motor", **kwargs)
         try:
             values = LiveParameters(self, TABLE)
             self.settings = settings_of(values.__getitem__)
@@ -62,7 +64,7 @@ class MotorNode(SupervisedNode):
         except InputError:
             self.leave_graph()
             raise
-        self._stamp = self._reported = 0  # of the last command, of the last reading of a real board
+        self._reported = 0  # stamp of the last reading of a real board [ns]
         # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
         self._injection = FaultInjection(self, 0 if self.settings.lockstep else None)
         self._initial: float | None = None
@@ -73,7 +75,7 @@ class MotorNode(SupervisedNode):
         publish = self._open_topics()
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
-        self._begin(autostart=self.settings.autostart)
+        self._begin()
         if not self._actuator.placed:
             self._plant_ceiling = PlantCeiling(self, self._place)
         self._inject(self.settings.injected)
@@ -81,7 +83,6 @@ class MotorNode(SupervisedNode):
 
     def _open_topics(self) -> Publish:
         lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
-        self._events = EventPublisher(self)
         publish = self._events.publish
         self._supervision = NodeMonitors(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
         self._supervision.stale.watch(COMMANDS, "the ceiling is stopped")
@@ -96,7 +97,6 @@ class MotorNode(SupervisedNode):
         self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
         self._was_granted = self._permit.granted
         self.create_service(Trigger, "~/rearm", self._on_rearm)
-        self.create_service(Trigger, "~/stop", self._on_stop)
         return publish
 
     def _place(self, height: float) -> None:
@@ -250,25 +250,8 @@ class MotorNode(SupervisedNode):
             if self._actuator.observe(self._now()).mode is Mode.HOMING:  # which no height interrupts
                 self._stop(self._permit.reason)
 
-    def _stop(self, reason: str) -> None:
-        """Switch the motor off, once; it stays off until it is activated again."""
-        self._end_starting()
-        if self._active:
-            self.trigger_deactivate()
-            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"motor switched off: {reason}")
-
-    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop at once, motor off, on request of the operator: the answer is the board's own state."""
-        self._stop("stopped by the operator")
-        try:
-            if self._connected:
-                self._actuator.deactivate(self._now())  # confirmed before, or once more
-        except MotorError as error:
-            response.success, response.message = False, str(error)
-        else:
-            again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
-            response.success, response.message = True, f"motor off; {again} arms it again"
-        return response
+    def _off(self) -> None:
+        self._actuator.deactivate(self._now())
 
     def _reading(self) -> Reading:
         """Return the ceiling's state; this keeps the heartbeat alive where motion is permitted."""
@@ -324,14 +307,6 @@ class MotorNode(SupervisedNode):
         else:
             response.success, response.message = True, "armed; homing if its height is lost"
         return response
-
-    def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
-        stamp = time_of(self._stamp) if self.settings.lockstep else None
-        self._events.publish(severity, kind, text, value, stamp)
-
-    def _now(self) -> int:
-        """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
-        return self._stamp if self.settings.lockstep else time.monotonic_ns()
 
 
 main = partial(run_node, MotorNode, priority=LOOP_PRIORITY)

@@ -206,11 +206,9 @@ class PlantNode(Node):
 
     def _excite(self) -> None:
         """Pass the exciter's state on to the plant: none, or an old one, is no excitation."""
-        state, silence = self._drive, time.monotonic() - self._drive_received
-        if state is None or not (self._lockstep or silence <= DRIVE_SILENCE):
-            self._plant.excite(0.0, 0.0)
-        else:
-            self._plant.excite(state.amplitude, state.frequency)
+        old = not self._lockstep and time.monotonic() - self._drive_received > DRIVE_SILENCE
+        state = ExcitationState() if self._drive is None or old else self._drive
+        self._plant.excite(state.amplitude, state.frequency)
 
     def _pace(self) -> None:
         """Publish the block that is due; one a call, so that the ceiling's answers are received in between."""

@@ -90,10 +90,9 @@ class Plant:
         """
         if self._motion is None:
             raise PlantError("excitation: given a command; allowed: with a scene of excitation.commanded: true")
-        try:
-            self._motion.command(amplitude, frequency)
-        except ValueError as error:
-            raise PlantError(str(error)) from None
+        if not (0.0 <= amplitude < math.inf and 0.0 <= frequency < math.inf):
+            raise PlantError(f"excitation: given {amplitude:g} at {frequency:g} Hz; allowed: finite and not negative")
+        self._motion.goal = amplitude, frequency
 
     def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> PlantBlock:
         """Advance by `duration_ticks` samples at `rate` [Hz], the ceiling going toward `target` [m] at `speed` [m/s].

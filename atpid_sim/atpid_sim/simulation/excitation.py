@@ -57,18 +57,12 @@ class CommandedMotion:
     def __init__(self) -> None:
         """Begin at rest."""
         self.amplitude = self.frequency = 0.0  # at the end of the last block [m] or [N], [Hz]
-        self._wanted = (0.0, 0.0)
+        self.goal = (0.0, 0.0)  # amplitude and frequency at the end of the next block
         self._turns = 0.0
-
-    def command(self, amplitude: float, frequency: float) -> None:
-        """Go to `amplitude` [m, N] and `frequency` [Hz] by the end of the next block. Raises ValueError."""
-        if not (0.0 <= amplitude < math.inf and 0.0 <= frequency < math.inf):
-            raise ValueError(f"excitation: given {amplitude:g} at {frequency:g} Hz; allowed: finite and not negative")
-        self._wanted = amplitude, frequency
 
     def rows(self, begin: float, end: float) -> Array:
         """Return the rows (n, 12) of the block from `begin` to `end` [s]."""
-        before, (amplitude, frequency) = (self.amplitude, self.frequency), self._wanted
+        before, (amplitude, frequency) = (self.amplitude, self.frequency), self.goal
         if not amplitude:
             frequency = before[1]  # it fades at the frequency it has
         first = before[1] if before[0] else frequency
