@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -168,8 +168,6 @@ def test_a_port_that_is_a_file_or_missing_is_named(stand: Stand) -> None:
 
 #: One thing wrong with the machine's files: check, file, its text, verdict, what is found.
 MACHINES = {
-    "load": ("processor", "proc/loadavg", "99.0 50.0 20.0 9/300 4000", DEGRADED, "load 99"),
-    "governor": ("processor", "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave", DEGRADED, "power"),
     "latency": ("USB", "sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", DEGRADED, "for 16 ms"),
     "ModemManager": ("USB", "proc/77/comm", "ModemManager", DEGRADED, "ModemManager runs"),
     "clock": ("clock", "run/systemd/timesync/synchronized", None, DEGRADED, "kept by nothing"),
@@ -201,7 +199,6 @@ VARIABLES = {
     "ROS_DISTRO": ("middleware", "humble", WRONG, "ROS humble is sourced"),
     "ROS_SECURITY_ENABLE": ("middleware", "true", WRONG, "security on, keys not found"),
     "PATH": ("workspace", "/nowhere", WRONG, "env, setpriv not on the path"),
-    "NUMBA_CACHE_DIR": ("kernels", "/proc/none", DEGRADED, "the cache of compiled kernels cannot be written"),
 }
 
 
@@ -321,7 +318,9 @@ def test_a_wrong_exciter_is_named(stand: Stand, exciter: Outputs, name: str) -> 
 
 
 def test_an_exciter_without_limits_or_that_runs_is_named(stand: Stand, exciter: Outputs) -> None:
-    with closing(claimed(f"{stand.environment['ROS_DOMAIN_ID']}/excitation_node")):
+    holder = claimed(f"{stand.environment['ROS_DOMAIN_ID']}/excitation_node")
+    assert holder is not None
+    with holder:
         assert stand.rows("exciter")[-1].found == "excitation_node runs: its output would be switched off"
     stand.options.excitation_config.write_text("/**/excitation_node: {ros__parameters: {backend: simulated}}")
     ((verdict, text),) = problems(stand.rows("exciter"))
@@ -330,9 +329,9 @@ def test_an_exciter_without_limits_or_that_runs_is_named(stand: Stand, exciter: 
 
 
 def test_a_check_that_fails_leaves_the_others(stand: Stand) -> None:
-    (stand.root / "proc/loadavg").write_text("")
-    found = stand.rows("processor", "clock")
-    assert problems(found) == [(DEGRADED, "the check itself failed: IndexError: list index out of range")]
+    (stand.root / "sys/class/net/lo/flags").write_text("up")
+    found = stand.rows("middleware", "clock")
+    assert (DEGRADED, "the check itself failed: ValueError") in [(seen, text[:35]) for seen, text in problems(found)]
     assert found[-1].check == "clock"
 
 
@@ -369,7 +368,7 @@ def command(words: list[str], before: list[str], **variables: str) -> tuple[int,
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="takes the rights of root away")
-def test_a_user_without_rights_a_full_disk_and_a_fresh_cache(tmp_path: Path) -> None:
+def test_a_user_without_rights_and_a_full_disk(tmp_path: Path) -> None:
     rights = [
         "setpriv",
         "--inh-caps",
@@ -383,14 +382,11 @@ def test_a_user_without_rights_a_full_disk_and_a_fresh_cache(tmp_path: Path) -> 
     levels = tmp_path / "levels.yaml"
     levels.write_text("/**/supervisor_node: {ros__parameters: {lock_memory: true}}")
     bag = tmp_path / "bag"
-    status, found = command(
-        ["--bag", str(bag), "--params-file", str(levels)], rights, NUMBA_CACHE_DIR=str(tmp_path / "cache")
-    )
+    status, found = command(["--bag", str(bag), "--params-file", str(levels)], rights)
     assert status == 2  # no board here
     assert "real-time priority 10 is not allowed" in found["real time"]
     assert "memory that may be locked: 1 MB" in found["real time"]
     assert f"{bag} cannot be written: File too large" in found["disk"]
-    assert found["kernels"].startswith("not compiled before")
 
 
 def test_a_package_that_is_missing_fails_what_needs_it(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:

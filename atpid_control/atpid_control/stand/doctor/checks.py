@@ -13,7 +13,6 @@ from atpid_control.stand.doctor.findings import Finding, Verdict
 CHECKS: Mapping[str, tuple[str, str]] = {
     "packages": ("software:packages", "make setup"),
     "workspace": ("software:workspace", "make setup, then . ros2_ws/activate"),
-    "kernels": ("computer:kernels", ""),
     "middleware": ("software:middleware", "unset ROS_DOMAIN_ID"),
     "nodes": ("software:nodes", ""),
     "scene": ("software:scene", "correct the scene (docs/scenes.md)"),
@@ -25,7 +24,6 @@ CHECKS: Mapping[str, tuple[str, str]] = {
     "exciter": ("devices:exciter", "docs/excitation_output.md"),
     "calibrations": ("devices:calibrations", "docs/stand.md, Calibration"),
     "ranges": ("devices:ranges", ""),
-    "processor": ("computer:processor", ""),
     "real time": ("computer:real_time", ""),
     "USB": ("computer:usb", ""),
     "disk": ("computer:disk", ""),

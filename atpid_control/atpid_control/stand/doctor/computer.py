@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the computer: processor, memory, rights, clock, disk, USB."""
+"""Checks of the computer: rights, USB, clock, disk."""
 
 import os
 import resource
@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from atpid_common.folders import cache_root
 from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_control.stand.doctor.findings import Finding, Subject, judged
 
@@ -29,17 +28,6 @@ _KEEPERS = {"systemd-timesyncd": "run/systemd/timesync/synchronized", "chrony": 
             "ntpd": "run/ntpd.pid"}  # fmt: skip
 
 
-def processor(at: Subject) -> Iterator[Finding]:
-    """Check load and frequency of the processors."""
-    cores, load = len(os.sched_getaffinity(0)), float((at.root / "proc/loadavg").read_text().split()[0])
-    yield judged(f"load {load:g} on {cores} cores", "end other programs, or use 2 cores and more",
-                 degrades=load > cores or cores < 2)  # fmt: skip
-    found = {text for _, text in at.texts("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor")}
-    if found - {"performance"}:
-        yield judged(f"frequency governor {', '.join(sorted(found))}", "sudo cpupower frequency-set -g performance",
-                     degrades=True)  # fmt: skip
-
-
 def real_time(at: Subject) -> Iterator[Finding]:
     """Check the rights to the loop's real-time priority and, where it is asked for, to locked memory."""
     reason, _, remedy = refusal(LOOP_PRIORITY).partition(": ")
@@ -56,7 +44,7 @@ def usb(at: Subject) -> Iterator[Finding]:
         yield judged(f"{path.parent.name} holds answers back for {held} ms",
                      f"echo 1 | sudo tee /{path.relative_to(at.root)}", degrades=int(held) > 1)  # fmt: skip
     runs = any(text == "ModemManager" for _, text in at.texts("proc/[0-9]*/comm"))
-    yield judged(f"ModemManager {'runs: it talks to a board that is plugged in' if runs else 'does not run'}",
+    yield judged(f"ModemManager {'runs: it writes to a board that is plugged in' if runs else 'does not run'}",
                  'ENV{ID_MM_DEVICE_IGNORE}="1" in the udev rule (docs/stand.md)', degrades=runs)  # fmt: skip
 
 
@@ -94,21 +82,3 @@ def disk(at: Subject) -> Iterator[Finding]:
     yield judged(text, "make room, or give another --bag", fails=free < needed, degrades=free < needed + _RESERVE)
     text = f"the disk takes {speed / 1e6:.0f} MB/s; the recording {rate / 1e6:.2f}"
     yield judged(text, "record to a local disk", degrades=speed < _FASTER * rate)
-
-
-def kernels(_: Subject) -> Iterator[Finding]:
-    """Check that compiled kernels can be kept, and that there are some."""
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_root())
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        yield judged(f"the cache of compiled kernels cannot be written ({error.strerror}): every node compiles them",
-                     "make ~/.cache/atpid writable, or set NUMBA_CACHE_DIR", degrades=True)  # fmt: skip
-        return
-    from atpid_sim.engine.row_loop import integrate
-
-    kept = any(Path(integrate.stats.cache_path).glob("*.integrate-*.nbi"))
-    yield judged(f"{'' if kept else 'not '}compiled before",
-                 "run a scene once, which takes a minute more: atpid bench scenes/thesis_4_3.yaml",
-                 degrades=not kept)  # fmt: skip

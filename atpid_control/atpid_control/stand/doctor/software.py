@@ -118,10 +118,8 @@ def _network(at: Subject) -> Iterator[Finding]:
         yield judged(f"{profile}, the profile of Fast DDS, is missing", "unset FASTRTPS_DEFAULT_PROFILES_FILE",
                      fails=True)  # fmt: skip
     wide = given == "SUBNET" and not local
-    weak = " to every computer of the network" * wide + ", with wheels that lack fixes of 2025" * (
-        wide and _of_wheels()
-    )
-    yield judged(f"range of discovery {given}{weak}",
+    weak = " to every computer of the network" + ", with wheels that lack fixes of 2025" * _of_wheels()
+    yield judged(f"range of discovery {given}{weak * wide}",
                  f"ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST; of {', '.join(_RANGES)}", fails=given not in _RANGES,
                  degrades=wide)  # fmt: skip
     flags = {path.parent.name: int(text, 16) for path, text in at.texts("sys/class/net/*/flags")}
