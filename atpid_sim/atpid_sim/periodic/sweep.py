@@ -58,11 +58,11 @@ def sweep(
     mass_fractions: ArrayLike | None = None,
     fidelity: str = "auto",
     rtol: float | None = None,
-    workers: Workers | int | None = None,
+    workers: int | None = None,
 ) -> Sweep:
     """Return what a scene comes to at heights (n,), rising [m]; see `cases` and, for the rest, `over_heights`."""
     scenes = cases(scene, mass_fractions, amplitudes)
-    found = over_heights(scenes, np.ravel(heights), fidelity, rtol, Workers.of(workers))
+    found = over_heights(scenes, np.ravel(heights), fidelity, rtol, Workers(workers))
     last = [one.excitation.amplitude_points[-1][1] for one in scenes]
     shape = (
         1 if mass_fractions is None else np.size(mass_fractions),

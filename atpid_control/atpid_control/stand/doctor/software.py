@@ -11,13 +11,11 @@ from pathlib import Path
 
 from atpid_common.claim import claimed
 from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, PROFILE, named_domain
-from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, Verdict, judged
+from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.stand.domain import HIGHEST, is_quiet
 
-#: Modules that the stand imports from other distributions, beside the vendors' (`devices`); and those of one use each.
+#: Modules that the stand imports from other distributions, beside the vendors' (`devices`); the lock has others.
 _NEEDED = ("numpy", "scipy", "numba", "yaml", "pydantic", "serial", "rich", "mcap", "zstandard", "rclpy")
-_OPTIONAL = {"pyarrow": "export to Parquet (make parquet)", "tornado": "live page", "matplotlib": "pictures",
-             "plotly": "reports", "foxglove": "Foxglove"}  # fmt: skip
 _RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 _UP, _MULTICAST = 0x1, 0x1000  # of net/if.h
 
@@ -26,13 +24,11 @@ def packages(_: Subject) -> Iterator[Finding]:
     """Check that what the stand imports is there, in the versions of the lock."""
     from packaging.requirements import Requirement
 
-    for name in (*_NEEDED, *_OPTIONAL):
+    for name in _NEEDED:
         try:
             importlib.import_module(name)
         except Exception as error:  # noqa: BLE001 - of a broken package, which may fail in any way
-            left = f"left out: {_OPTIONAL[name]}: " if name in _OPTIONAL else ""
-            verdict = Verdict.NOT_CHECKED if left else Verdict.WOULD_FAIL
-            yield Finding(verdict, f"{left}{name}: {type(error).__name__}: {error}", "" if left else "make setup")
+            yield judged(f"{name}: {type(error).__name__}: {error}", "make setup", fails=True)
     lock = _workspace() / "requirements" / ("wheels.txt" if _of_wheels() else "sourced.txt")
     other = []
     for line in (Requirement(line.strip(" \\")) for line in lock.read_text().splitlines() if line[:1].isalnum()):
