@@ -13,22 +13,17 @@ import yaml
 from atpid_common.cli import Parser
 from atpid_control.commands.doctor import add_arguments
 from atpid_control.stand.doctor.checks import CHECKS
-from atpid_control.stand.doctor.findings import Row, Subject, Verdict, examine
+from atpid_control.stand.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_driver.calibration.model import Calibration, save
 
-#: What a machine's kernel shows where all is well; a name that ends in / is a folder.
+#: What a machine's kernel shows where all is well.
 MACHINE = {
-    "proc/loadavg": "0.20 0.10 0.05 1/300 4000",
-    "proc/meminfo": "MemTotal: 16000000 kB\nMemAvailable: 12000000 kB",
     "proc/1/comm": "systemd",
-    "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor": "performance",
-    "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor": "performance",
     "sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "1",
     "sys/class/net/lo/flags": "0x9",
     "sys/class/net/eth0/flags": "0x1003",
     "etc/udev/rules.d/90-labjack.rules": "",
     "run/systemd/timesync/synchronized": "",
-    "dev/shm/": "",
 }
 
 
@@ -39,10 +34,7 @@ def machine(root: Path, changed: Mapping[str, str | None] | None = None) -> Path
             continue
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        if name.endswith("/"):
-            path.mkdir(parents=True)
-        else:
-            path.write_text(text)
+        path.write_text(text)
     return root
 
 
@@ -62,7 +54,7 @@ class Stand:
 
     def __init__(self, folder: Path, scene: Path, library: Path, serial: int) -> None:
         self.folder, self.root = folder, machine(folder / "root")
-        self.environment = dict(os.environ)
+        self.environment = os.environ
         self.options = self.parsed(str(scene), "--bag", str(folder / "bag"), "--hours", "0.1")
         names = [calibration(folder, name) for name in ("support_displacement", "beam_displacement")]
         self.values: dict[str, dict[str, Any]] = {
@@ -85,17 +77,14 @@ class Stand:
         file = self.folder / "parameters.yaml"
         file.write_text(yaml.dump({f"/**/{node}": {"ros__parameters": one} for node, one in self.values.items()}))
         self.options.params_file = file
-        return Subject(self.options, self.root, self.environment, **changed)
+        return Subject(self.options, self.root, **changed)
 
-    def rows(self, *names: str, **changed: Any) -> list[Row]:
+    def rows(self, *names: str, **changed: Any) -> list[Finding]:
         """Return what the checks of these names find; of none given, all."""
-        chosen = {
-            group: {name: place for name, place in named.items() if not names or name in names}
-            for group, named in CHECKS.items()
-        }
+        chosen = {name: place for name, place in CHECKS.items() if not names or name in names}
         return list(examine(self.subject(**changed), chosen))
 
 
-def problems(rows: list[Row]) -> list[tuple[Verdict, str]]:
+def problems(rows: list[Finding]) -> list[tuple[Verdict, str]]:
     """Return verdict and text of what is not right."""
-    return [(row.finding.verdict, row.finding.found) for row in rows if row.finding.verdict > Verdict.RIGHT]
+    return [(row.verdict, row.found) for row in rows if row.verdict > Verdict.RIGHT]

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import Field
 from enum import Enum
 from importlib import import_module
-from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -20,16 +19,13 @@ from atpid_sim.figure_style import LIGHT, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Columns of an impact: time [s], wall (+1 floor, -1 ceiling), closing speed [m/s], and where dampers are several the
-#: number of the damper.
-IMPACT = ("time", "wall", "speed", "damper")
-#: Units of these columns.
-_OF_IMPACT = {"time": "s", "speed": "m/s"}
+#: Columns of an impact and their units: wall +1 floor, -1 ceiling; closing speed; where dampers are several its number.
+IMPACT = {"time": "s", "wall": "1", "speed": "m/s", "damper": "1"}
 
 
 def named_impacts(rows: NDArray[np.float64]) -> NDArray[Any]:
     """Return impacts (k, 3 or 4), whose columns are `IMPACT`, as a structured array (k,): `impacts["speed"]`."""
-    return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in IMPACT[: rows.shape[1]]])
+    return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in list(IMPACT)[: rows.shape[1]]])
 
 
 def optional(module: str, purpose: str) -> Any:
@@ -49,14 +45,16 @@ def in_unit(unit: str, names: str, dims: str = "") -> dict[str, tuple[str, str]]
 class Shown:
     """A base of dataclasses (`repr=False`) that are shown as a table of names, values and units."""
 
-    #: By name: the unit, and of an array its dimensions, in one word each; other values are ratios, counts, words. An
-    #: array named as its one dimension is a coordinate. One with fewer dimensions has the last of them.
+    #: By name: the unit, or the attribute that has it, and of an array its dimensions, in one word each; other values
+    #: are ratios, counts, words. An array named as its one dimension is a coordinate. One with fewer dimensions has the
+    #: last of them.
     labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def unit_of(self, name: str) -> str:
         """Return the unit of a value; "1" of ratios and counts."""
-        return self.labels.get(name, ("1", ""))[0]
+        unit = self.labels.get(name, ("1", ""))[0]
+        return str(getattr(self, unit, unit))
 
     def __repr__(self) -> str:
         rows = list(self._rows())
@@ -94,8 +92,7 @@ class Labelled(Shown):
                 texts[name] = value
             elif isinstance(value, np.ndarray) and value.dtype.names:
                 for column in value.dtype.names:
-                    units = {"units": _OF_IMPACT.get(column, "1")}
-                    variables[f"{dims[0]}_{column}"] = dims, value[column], units
+                    variables[f"{dims[0]}_{column}"] = dims, value[column], {"units": IMPACT[column]}
             elif isinstance(value, bool | int | float) or (isinstance(value, np.ndarray) and value.size):
                 used = dims[len(dims) - np.ndim(value) :]
                 variables[name] = used, value, {"units": self.unit_of(name), "long_name": _word(name)}
@@ -131,11 +128,10 @@ class Drawn(Labelled):
     def _lines(self, name: str) -> Iterator[tuple[str, Any]]:
         """Yield a label and a curve (n,) for each place in the dimensions before the last."""
         values = getattr(self, name)
-        dims = self.labels[name][1].split()[-values.ndim :]
-        given = [(dim, getattr(self, dim)) for dim in dims[:-1]]
-        for place in product(*(range(len(values)) for _, values in given)):
-            several = [(dim, of[k]) for k, (dim, of) in zip(place, given, strict=True) if len(of) > 1]
-            at = (f"{_word(dim)} {value:.4g}" for dim, value in several)
+        dims = self.labels[name][1].split()[-values.ndim : -1]
+        for place in np.ndindex(values.shape[:-1]):
+            several = [(dim, k) for dim, k in zip(dims, place, strict=True) if len(getattr(self, dim)) > 1]
+            at = (f"{_word(dim)} {getattr(self, dim)[k]:.4g}" for dim, k in several)
             yield ", ".join(at) or _word(name), values[place]
 
 

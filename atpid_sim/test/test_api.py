@@ -81,11 +81,11 @@ def test_other_instants_are_refused_in_one_line(wrong: object) -> None:
 
 def test_impacts_have_named_columns() -> None:
     motion = ap.trajectory(LOW, t_eval=np.linspace(0.0, 8.0, 801))
-    assert motion.impacts.dtype.names == IMPACT[:3]
+    assert motion.impacts.dtype.names == tuple(IMPACT)[:3]
     assert set(motion.impacts["wall"]) == {1.0, -1.0}
     assert len(motion.impacts) == pytest.approx(ap.simulate(LOW).impacts, abs=3)  # bounces before the grain sticks
     assert motion.to_xarray().impact_speed.units == "m/s"
-    assert named_impacts(np.zeros((0, 4))).dtype.names == IMPACT
+    assert named_impacts(np.zeros((0, 4))).dtype.names == tuple(IMPACT)
 
 
 def test_a_steady_state_is_found_or_the_reason_named() -> None:

@@ -3,12 +3,10 @@
 
 import argparse
 import json
-import shutil
-from contextlib import suppress
 
 from atpid_common.arguments import file_path, real, word
-from atpid_control.stand.doctor.checks import CHECKS, block, summary, table, verdict_of
-from atpid_control.stand.doctor.findings import Subject, Verdict, examine
+from atpid_control.stand.doctor.checks import CHECKS, block, verdict_of
+from atpid_control.stand.doctor.findings import Subject, examine
 from atpid_control.stand.launching.options import add_devices, add_parameters
 
 #: Arguments of the example in the help.
@@ -29,18 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the checks and print them; return 0, 1 where a run would be degraded, 2 where it would fail."""
-    rows = list(examine(Subject(args), CHECKS))
-    status = max(verdict_of(rows), Verdict.RIGHT)
-    if args.json:
-        plain = [{"group": row.group, "check": row.name, "verdict": row.finding.verdict.word,
-                  "found": row.finding.found, "mend": row.finding.mend} for row in rows]  # fmt: skip
-        print(json.dumps({"verdict": status.word, "checks": plain}, indent=2))
-        return int(status)
-    with suppress(ImportError):  # which is among the findings
-        from rich.console import Console
-
-        console = Console(width=max(100, shutil.get_terminal_size().columns), highlight=False)
-        console.print(table(rows))
-        console.print(summary(rows), style="bold", markup=False)
-    print(f"\nto paste into a report:\n\n{block(rows)}")
+    found = list(examine(Subject(args), CHECKS))
+    status = verdict_of(found)
+    plain = [finding._asdict() | {"verdict": finding.verdict.word} for finding in found]
+    print(json.dumps({"verdict": status.word, "checks": plain}, indent=2) if args.json else block(found))
     return int(status)

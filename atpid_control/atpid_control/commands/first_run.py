@@ -3,7 +3,7 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +14,18 @@ from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError, InputError
+from atpid_control.analysis.signals import signals_of
 from atpid_control.commands import bench, stand
 from atpid_control.commands.results import Shown, claim, give, two_columns
 from atpid_control.runs.run import Run, open_run
-from atpid_control.stand.first_run import Expected, Row, Step, rows_of, steps_of, trace
+from atpid_control.stand.first_run import Expected, Row, Step, rows_of, steps_of
 from atpid_control.stand.launching.options import add_devices, add_parameters
 from atpid_control.stand.parameters import read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, SERIAL_MOTOR
+from atpid_control.stand.parts import NAMES, devices_of
 from atpid_sim.scene import Scene, load_scene
 
 #: Time that a person has for what the step asks for [s].
 _HANDS = 10.0
-PICTURE, NUMBERS = "first_run.png", "first_run.json"
-DIFFERS = 1
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --emulated-stand --yes --out out/first_run"
 
@@ -50,15 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the steps that are not skipped, and the page; return 0, 1 where a figure is not as expected."""
-    real = not (args.simulated or args.emulated_stand)
-    if args.yes and real:
+    if args.yes and not (args.simulated or args.emulated_stand):
         raise InputError("--yes: given for a stand; allowed: with --simulated or --emulated-stand; a person has to act")
-    scene = load_scene(args.scene)
-    picture, file = claim(args, PICTURE, NUMBERS)
-    expected = Expected(scene, args.amplitude)
+    expected = Expected(load_scene(args.scene), args.amplitude, args.move)
+    picture, file = claim(args, "first_run.png", "first_run.json")
     done: list[tuple[Step, Run | None, list[Row]]] = []
     skipped: list[str] = []
-    for step in steps_of(expected, args.move):
+    for step in steps_of(expected):
         answer = "" if args.yes else _asked(step)
         if answer == "q":
             skipped.append(f"stopped before: {step.title}")
@@ -66,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         if answer == "s":
             skipped.append(f"skipped: {step.title}")
             continue
-        done.append((step, *_measured(args, step, scene, real)))
+        done.append((step, *_measured(args, step, expected)))
         for row in done[-1][2]:
             print(f"{'as expected' if row.right else 'DIFFERS':11}  {row.what}: {row.found}; expected {row.expected}",
                   file=sys.stderr)  # fmt: skip
@@ -77,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     numbers = {"scene": str(args.scene), "missing": [], "notes": notes,
                "steps": {step.name: [row._asdict() for row in found] for step, _, found in done}}  # fmt: skip
     give(args, numbers, file, Shown(f"First measurement of {args.scene.stem}", shown, notes, picture))
-    return DIFFERS if any(not row.right for _, row in rows) else 0
+    return int(not all(row.right for _, row in rows))
 
 
 def _asked(step: Step) -> str:
@@ -91,44 +88,44 @@ def _asked(step: Step) -> str:
             return answer
 
 
-def _measured(args: argparse.Namespace, step: Step, scene: Scene, real: bool) -> tuple[Run | None, list[Row]]:
+def _measured(args: argparse.Namespace, step: Step, expected: Expected) -> tuple[Run | None, list[Row]]:
     """Record a step; return its run and figures. A run that fails is a row that is not right."""
     folder = args.out / step.name
     folder.mkdir(parents=True, exist_ok=True)
     file, parameters = folder / "scene.yaml", folder / "held.yaml"
-    file.write_text(yaml.safe_dump(_scene(scene, step).to_mapping(), sort_keys=False), encoding="utf-8")
+    scene = _scene(expected.scene, step, devices_of(args)[0].configured())
+    file.write_text(yaml.safe_dump(scene.to_mapping(), sort_keys=False), encoding="utf-8")
     given = read_parameters(args.params_file, NAMES) if args.params_file else {}
     given["selector_node"] = given.get("selector_node", {}) | {"hold": True}  # the ceiling stays closed
     write_parameters(given, parameters)
+    values = vars(args) | {"scene": file, "params_file": parameters, "move": step.move}
     try:
-        if real:
-            bag = folder / f"bag-{len(list(folder.glob('bag-*'))) + 1}"  # an earlier one is kept
-            values = vars(args) | {"scene": file, "bag": bag, "params_file": parameters, "move": step.move}
-            stand.run(_options(stand, [str(file)], values | {"seconds": step.duration + _HANDS}))
-        else:
+        if args.simulated or args.emulated_stand:
             bag = folder / "run/bag"
-            paced = ["--emulated-stand"] if args.emulated_stand else ["--real-time"] * bool(step.move)
-            words = [str(file), "--out", str(bag.parent), "--params-file", str(parameters), *paced]
-            with bench.recorded(_options(bench, [*words, *(["--move", str(step.move)] if step.move else [])])):
+            values |= {"out": bag.parent, "real_time": bool(step.move) and args.simulated}
+            with bench.recorded(_options(bench, values)):
                 pass
+        else:
+            bag = folder / f"bag-{len(list(folder.glob('bag-*'))) + 1}"  # an earlier one is kept
+            stand.run(_options(stand, values | {"bag": bag, "seconds": step.duration + _HANDS}))
         run = open_run(bag)
-        return run, rows_of(step, run)
+        return run, rows_of(step, run, expected)
     except AtpidError as error:
         return None, [Row(step.title, str(error), "a run to its end", False, "docs/first_run.md, By symptom")]
 
 
-def _options(command: Any, words: Sequence[str], values: dict[str, Any] | None = None) -> argparse.Namespace:
-    """Return the options of another command: its defaults, `words`, and of `values` those that it has."""
+def _options(command: Any, values: Mapping[str, Any]) -> argparse.Namespace:
+    """Return the options of another command: its defaults, and of `values` those that it has."""
     parser = Parser()
     command.add_arguments(parser)
-    found: argparse.Namespace = parser.parse_args(list(words))
-    vars(found).update({name: value for name, value in (values or {}).items() if name in found})
+    found: argparse.Namespace = parser.parse_args([str(values["scene"])])
+    vars(found).update({name: value for name, value in values.items() if name in found})
     return found
 
 
-def _scene(scene: Scene, step: Step) -> Scene:
-    """Return the scene of a step: closed, moved by a motor, as long as the step."""
-    motor, ceiling = SERIAL_MOTOR.configured(), scene.ceiling
+def _scene(scene: Scene, step: Step, motor: Mapping[str, Any]) -> Scene:
+    """Return the scene of a step: closed, moved by a motor with these parameters, as long as the step."""
+    ceiling = scene.ceiling
     low, high, speed = (*ceiling.range, ceiling.speed) if ceiling.controlled else (
         max(motor["lowest"], 2.0 * scene.grain.radius), motor["highest"], motor["speed"])  # fmt: skip
     closed = {"closed": low, "range": [low, high], "speed": speed, "controller": "direct"}
@@ -145,7 +142,7 @@ def _draw(runs: Sequence[tuple[Step, Run]], path: Path) -> None:
     with drawn(path, "--out", dpi=110, nrows=max(1, len(runs)), ncols=1, squeeze=False,
                figsize=(11.0, 2.6 * max(1, len(runs)))) as (_, axes):  # fmt: skip
         for ax, (step, run) in zip(axes[:, 0], runs, strict=False):
-            signals = trace(run)
+            signals, _ = signals_of(run)
             for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units,
                                           strict=True):  # fmt: skip
                 moved = values - np.nanmedian(values)

@@ -61,7 +61,8 @@ def build_map(
     if out is not None:
         record = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
     batch = Batch(partial(_computed, plan), points)
-    found = batch.run(Workers.of(workers), lambda done: report(done, len(points)), record)
+    where = workers if isinstance(workers, Workers) else Workers(workers)
+    found = batch.run(where, lambda done: report(done, len(points)), record)
     made = _assemble(plan, dict(zip(points, found, strict=True)))
     if out is not None and record is not None:
         made.save(out)

@@ -94,14 +94,11 @@ class HeightMap(Drawn):
     frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
 
     labels = (
-        {name: ("1", name) for name in _DIMS.split()} | in_unit("m", "heights beam_amplitudes", _DIMS)
+        {name: ("unit" if name == "amplitudes" else "1", name) for name in _DIMS.split()}
+        | in_unit("m", "heights beam_amplitudes", _DIMS)
         | in_unit("1", "efficiencies reductions reproducible", _DIMS)
     )  # fmt: skip
     drawn = ("heights",)
-
-    def unit_of(self, name: str) -> str:
-        """Return the unit of a value."""
-        return self.unit if name == "amplitudes" else super().unit_of(name)
 
     @property
     def unit(self) -> str:

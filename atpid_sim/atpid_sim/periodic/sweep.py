@@ -34,25 +34,21 @@ class Sweep(Drawn):
     amplitude_unit: str = "m"
 
     labels = (
-        in_unit("m", "heights", "heights") | in_unit("m", "amplitudes", "amplitudes")
+        in_unit("m", "heights", "heights") | in_unit("amplitude_unit", "amplitudes", "amplitudes")
         | in_unit("1", "mass_fractions", "mass_fractions") | in_unit("m", "beam_amplitudes", _GRID)
         | in_unit("1", "efficiencies reductions errors multipliers periods ways", _GRID)
     )  # fmt: skip
     drawn = ("beam_amplitudes",)
 
-    def unit_of(self, name: str) -> str:
-        """Return the unit of a value."""
-        return self.amplitude_unit if name == "amplitudes" else super().unit_of(name)
-
 
 def cases(scene: Scene, mass_fractions: ArrayLike | None, amplitudes: ArrayLike | None) -> list[Scene]:
     """Return the scene with each mass fraction [-] and, of each, each amplitude [m or N]; None: those of the scene."""
-    changed = (
-        [scene.with_(mass_fraction=one) for one in np.ravel(mass_fractions)] if mass_fractions is not None else [scene]
-    )
-    if amplitudes is None:
-        return changed
-    return [one.with_(amplitude=amplitude) for one in changed for amplitude in np.ravel(amplitudes)]
+    given = {"mass_fraction": mass_fractions, "amplitude": amplitudes}
+    made = [scene]
+    for name, values in given.items():
+        if values is not None:
+            made = [one.with_(**{name: value}) for one in made for value in np.ravel(values)]
+    return made
 
 
 def sweep(
@@ -62,11 +58,11 @@ def sweep(
     mass_fractions: ArrayLike | None = None,
     fidelity: str = "auto",
     rtol: float | None = None,
-    workers: Workers | int | None = None,
+    workers: int | None = None,
 ) -> Sweep:
     """Return what a scene comes to at heights (n,), rising [m]; see `cases` and, for the rest, `over_heights`."""
     scenes = cases(scene, mass_fractions, amplitudes)
-    found = over_heights(scenes, np.ravel(heights), fidelity, rtol, Workers.of(workers))
+    found = over_heights(scenes, np.ravel(heights), fidelity, rtol, Workers(workers))
     last = [one.excitation.amplitude_points[-1][1] for one in scenes]
     shape = (
         1 if mass_fractions is None else np.size(mass_fractions),

@@ -28,11 +28,6 @@ class Workers:
     count: int | None = None  # on this machine; None: one a core
     cluster: str | None = None  # address of the scheduler of a Dask cluster; None: this machine
 
-    @classmethod
-    def of(cls, given: "Workers | int | None") -> "Workers":
-        """Return what computes, given it or a number of workers on this machine."""
-        return given if isinstance(given, Workers) else cls(given)
-
 
 HERE = Workers()
 

@@ -125,15 +125,12 @@ class Trajectory(Drawn):
     support_unit: str = "m"  # N: of a force that drives instead
 
     labels = (
-        in_unit("s", "time", "time") | in_unit("m", "support beam grain ceiling", "time")
+        in_unit("s", "time", "time") | in_unit("m", "beam grain ceiling", "time")
+        | in_unit("support_unit", "support", "time")
         | in_unit("m/s", "beam_velocity", "time") | in_unit("m/s^2", "beam_acceleration", "time")
         | in_unit("m", "further_grains", "further_grain time") | in_unit("", "impacts", "impact")
     )  # fmt: skip
     drawn = ("beam", "grain")
-
-    def unit_of(self, name: str) -> str:
-        """Return the unit of a value."""
-        return self.support_unit if name == "support" else super().unit_of(name)
 
 
 def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, check: bool = True) -> Result:

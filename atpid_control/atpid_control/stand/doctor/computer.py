@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the computer: processor, memory, rights, clock, disk, USB."""
+"""Checks of the computer: rights, USB, clock, disk."""
 
 import os
 import resource
@@ -9,12 +9,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from atpid_common.folders import cache_root
 from atpid_common.real_time import LOOP_PRIORITY, refusal
-from atpid_control.stand.doctor.findings import Finding, Subject, Verdict, judged
+from atpid_control.stand.doctor.findings import Finding, Subject, judged
 
-#: Memory that the stand's nodes take, and that they need beside others [bytes].
-_NODES, _ENOUGH = 0.8e9, 2e9
+#: Memory that the stand's nodes take [bytes].
+_NODES = 0.8e9
 #: What a stand records: a reading [bytes], all other messages, not compressed [bytes/s].
 _READING, _MESSAGES = 8.0, 40e3
 #: What is written to measure the disk [bytes]; how much faster than the recording it has to be [-].
@@ -29,30 +28,6 @@ _KEEPERS = {"systemd-timesyncd": "run/systemd/timesync/synchronized", "chrony": 
             "ntpd": "run/ntpd.pid"}  # fmt: skip
 
 
-def processor(at: Subject) -> Iterator[Finding]:
-    """Check load and frequency of the processors."""
-    cores, load = len(os.sched_getaffinity(0)), float(at.text("proc/loadavg").partition(" ")[0] or "nan")
-    yield judged(f"load {load:g} on {cores} cores", "end other programs, or use 2 cores and more",
-                 degrades=load > cores or cores < 2)  # fmt: skip
-    found = {path.read_text().strip() for path in at.files("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor")}
-    if not found:
-        yield Finding(Verdict.NOT_CHECKED, "frequency governor: the kernel shows none")
-        return
-    yield judged(f"frequency governor {', '.join(sorted(found))}", "sudo cpupower frequency-set -g performance",
-                 degrades=found != {"performance"})  # fmt: skip
-
-
-def memory(at: Subject) -> Iterator[Finding]:
-    """Check memory and shared memory."""
-    lines = dict(line.split(":", 1) for line in at.text("proc/meminfo").splitlines())
-    free = float(lines.get("MemAvailable", "nan").split()[0]) * 1024.0
-    text = f"{free / 1e9:.1f} GB of memory free; the nodes take {_NODES / 1e9:g}"
-    yield judged(text, "end other programs", fails=free < _NODES, degrades=free < _ENOUGH)
-    if not os.access(at.root / "dev/shm", os.W_OK):
-        yield judged("no shared memory to write to: no emulated devices", "sudo mount -t tmpfs tmpfs /dev/shm",
-                     degrades=True)  # fmt: skip
-
-
 def real_time(at: Subject) -> Iterator[Finding]:
     """Check the rights to the loop's real-time priority and, where it is asked for, to locked memory."""
     reason, _, remedy = refusal(LOOP_PRIORITY).partition(": ")
@@ -65,16 +40,12 @@ def real_time(at: Subject) -> Iterator[Finding]:
 
 def usb(at: Subject) -> Iterator[Finding]:
     """Check how long USB serial chips hold short answers back, and who else opens ports."""
-    timers = {path: int(path.read_text()) for path in at.files("sys/bus/usb-serial/devices/*/latency_timer")}
-    late = {path: time for path, time in timers.items() if time > 1}
-    for path, held in late.items():
+    for path, held in at.texts("sys/bus/usb-serial/devices/*/latency_timer"):
         yield judged(f"{path.parent.name} holds answers back for {held} ms",
-                     f"echo 1 | sudo tee /{path.relative_to(at.root)}", degrades=True)  # fmt: skip
-    if not late:
-        yield judged(f"{len(timers)} serial chips with a latency timer, none above 1 ms")
-    if any(path.read_text().strip() == "ModemManager" for path in at.files("proc/[0-9]*/comm")):
-        yield judged("ModemManager runs: it talks to a board that is plugged in",
-                     'ENV{ID_MM_DEVICE_IGNORE}="1" in the udev rule (docs/stand.md)', degrades=True)  # fmt: skip
+                     f"echo 1 | sudo tee /{path.relative_to(at.root)}", degrades=int(held) > 1)  # fmt: skip
+    runs = any(text == "ModemManager" for _, text in at.texts("proc/[0-9]*/comm"))
+    yield judged(f"ModemManager {'runs: it writes to a board that is plugged in' if runs else 'does not run'}",
+                 'ENV{ID_MM_DEVICE_IGNORE}="1" in the udev rule (docs/stand.md)', degrades=runs)  # fmt: skip
 
 
 def clock(at: Subject) -> Iterator[Finding]:
@@ -83,7 +54,7 @@ def clock(at: Subject) -> Iterator[Finding]:
     if abs(ahead) > _STEP:
         yield judged(f"the wall clock was set by {ahead:+.3f} s during the checks", "wait until it is synchronised",
                      degrades=True)  # fmt: skip
-    year, kept = time.gmtime(at.begun[0] / 1e9).tm_year, [name for name, path in _KEEPERS.items() if at.has(path)]
+    year, kept = time.gmtime(at.begun[0] / 1e9).tm_year, [name for name, path in _KEEPERS.items() if at.files(path)]
     yield judged(f"the wall clock shows {year}, kept by {', '.join(kept) or 'nothing'}",
                  "sudo timedatectl set-ntp true, or chrony", fails=at.begun[0] < 1e9 * _OLDEST,
                  degrades=not kept)  # fmt: skip
@@ -111,22 +82,3 @@ def disk(at: Subject) -> Iterator[Finding]:
     yield judged(text, "make room, or give another --bag", fails=free < needed, degrades=free < needed + _RESERVE)
     text = f"the disk takes {speed / 1e6:.0f} MB/s; the recording {rate / 1e6:.2f}"
     yield judged(text, "record to a local disk", degrades=speed < _FASTER * rate)
-
-
-def kernels(at: Subject) -> Iterator[Finding]:
-    """Check that compiled kernels can be kept, and are there for this processor."""
-    folder = Path(at.environment.get("NUMBA_CACHE_DIR") or cache_root())
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        yield judged(f"the cache of compiled kernels cannot be written ({error.strerror}): every node compiles them",
-                     "make ~/.cache/atpid writable, or set NUMBA_CACHE_DIR", degrades=True)  # fmt: skip
-        return
-    from atpid_sim.engine.row_loop import integrate
-
-    known = {key[1][1] for key in integrate._cache._cache_file._load_index()}
-    own = integrate.targetctx.codegen().magic_tuple()[1]
-    text = f"compiled for {', '.join(sorted(known)) or 'no processor yet'}; this one is {own}"
-    yield judged(text, "run a scene once, which takes a minute more: atpid bench scenes/thesis_4_3.yaml",
-                 degrades=own not in known)  # fmt: skip

@@ -2,60 +2,40 @@
 """Checks of the software: packages, workspace, ROS's environment, scene and parameters."""
 
 import importlib
-import re
+import os
+import runpy
 import shutil
-import sys
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from atpid_common.claim import claimed
 from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, PROFILE, named_domain
-from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, Verdict, judged
+from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.stand.domain import HIGHEST, is_quiet
 
-#: Modules that the stand imports from other distributions, beside the vendors' (`devices`); and those of one use each.
+#: Modules that the stand imports from other distributions, beside the vendors' (`devices`); the lock has others.
 _NEEDED = ("numpy", "scipy", "numba", "yaml", "pydantic", "serial", "rich", "mcap", "zstandard", "rclpy")
-_OPTIONAL = {"pyarrow": "export to Parquet (make parquet)", "tornado": "live page", "matplotlib": "pictures",
-             "plotly": "reports", "foxglove": "Foxglove"}  # fmt: skip
-_LOCKED = re.compile(r"^([A-Za-z0-9][\w.-]*)==([^\s;\\]+)\s*(?:;\s*(.*?))?\s*\\?$", re.MULTILINE)
 _RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 _UP, _MULTICAST = 0x1, 0x1000  # of net/if.h
-_STARTED = ("motor_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "recorder_node")
 
 
-def packages(at: Subject) -> Iterator[Finding]:
+def packages(_: Subject) -> Iterator[Finding]:
     """Check that what the stand imports is there, in the versions of the lock."""
-    missing = {name: reason for name in (*_NEEDED, *_OPTIONAL) if (reason := _missing(name))}
-    for name, reason in missing.items():
-        if name in _NEEDED:
-            yield judged(reason, "make setup", fails=True)
-        else:
-            yield Finding(Verdict.NOT_CHECKED, f"left out: {_OPTIONAL[name]}: {reason}")
-    lock = workspace_of(at) / "requirements" / ("wheels.txt" if _of_wheels() else "sourced.txt")
-    other = list(_others(lock))
+    from packaging.requirements import Requirement
+
+    for name in _NEEDED:
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # noqa: BLE001 - of a broken package, which may fail in any way
+            yield judged(f"{name}: {type(error).__name__}: {error}", "make setup", fails=True)
+    lock = _workspace() / "requirements" / ("wheels.txt" if _of_wheels() else "sourced.txt")
+    other = []
+    for line in (Requirement(line.strip(" \\")) for line in lock.read_text().splitlines() if line[:1].isalnum()):
+        found, wanted = _version(line.name), str(line.specifier).removeprefix("==")
+        if found != wanted and (line.marker is None or line.marker.evaluate()):
+            other.append(f"{line.name} {found or 'missing'} in place of {wanted}")
     yield judged(f"versions of {lock.name}, but for: {', '.join(other) or 'none'}", "make setup", degrades=bool(other))
-
-
-def _missing(name: str) -> str:
-    """Return why a module cannot be imported; "" where it can."""
-    try:
-        importlib.import_module(name)
-    except Exception as error:  # noqa: BLE001 - of a broken package, which may fail in any way
-        return f"{name}: {type(error).__name__}: {error}"
-    return ""
-
-
-def _others(lock: Path) -> Iterator[str]:
-    """Yield the packages that are installed in another version than the lock's, or not at all."""
-    from packaging.markers import Marker
-
-    for name, wanted, marker in _LOCKED.findall(lock.read_text()):
-        if not marker or Marker(marker).evaluate():
-            found = _version(name)
-            if found != wanted:
-                yield f"{name} {found or 'missing'} in place of {wanted}"
 
 
 def _version(name: str) -> str:
@@ -71,38 +51,31 @@ def _of_wheels() -> bool:
     return bool(_version("ros-jazzy-rclpy"))
 
 
-def workspace_of(at: Subject) -> Path:
-    """Return the folder ros2_ws of the workspace that is sourced. Raises NotCheckedError."""
-    for prefix in _prefixes(at):
-        folder = prefix.resolve()
-        if folder.name == "atpid_control" and (folder.parents[1] / "machine.py").is_file():
-            return folder.parents[1]
-    raise NotCheckedError("no workspace of this repository is sourced")
+def _workspace() -> Path:
+    """Return the folder ros2_ws of the workspace that is sourced. Raises BenchError, NotCheckedError."""
+    from atpid_control.stand.parts import NODES
 
-
-def _prefixes(at: Subject) -> list[Path]:
-    return [Path(prefix) for prefix in at.environment.get("AMENT_PREFIX_PATH", "").split(":")]
+    folder = NODES["identifier_node"].executable.parents[4].resolve()
+    if not (folder / "machine.py").is_file():
+        raise NotCheckedError("the workspace that is sourced is none of this repository")
+    return folder
 
 
 def workspace(at: Subject) -> Iterator[Finding]:
     """Check that the workspace is sourced, built, not older than its sources, and the one whose code runs."""
-    from atpid_control.stand.parts import NODES, devices_of
+    from atpid_control.stand.parts import devices_of
 
-    for part in (*devices_of(at.options), NODES["identifier_node"]):
+    for part in devices_of(at.options):
         _ = part.executable  # raises BenchError
-    missing = [name for name in ("env", "setpriv") if shutil.which(name, path=at.environment.get("PATH")) is None]
+    missing = [name for name in ("env", "setpriv") if shutil.which(name) is None]
     if missing:
         yield judged(f"{', '.join(missing)} not on the path: no node can be started", "sudo apt install util-linux",
                      fails=True)  # fmt: skip
-    folder = workspace_of(at)
-    sys.path.insert(0, str(folder))
-    try:
-        machine: Any = importlib.import_module("machine")  # of set-up, whose keys these are
-    finally:
-        sys.path.remove(str(folder))
-    built = set(machine.read_stamp(folder / "install/stamp").split())
+    folder = _workspace()
+    machine = runpy.run_path(str(folder / "machine.py"))  # of set-up, whose keys these are
+    built = set(machine["read_stamp"](folder / "install/stamp").split())
     sources = [path.parent for path in sorted(folder.parent.glob("atpid_*/**/package.xml"))]
-    stale = [path.name for path in sources if machine.package_key(path) not in built]
+    stale = [path.name for path in sources if machine["package_key"](path) not in built]
     yield judged(f"sourced; older than its sources: {', '.join(stale) or 'none'}", "make setup", degrades=bool(stale))
     if not Path(__file__).resolve().is_relative_to(folder.parent):
         yield judged("code of another folder runs than that of the workspace", "take it out of PYTHONPATH",
@@ -111,15 +84,17 @@ def workspace(at: Subject) -> Iterator[Finding]:
 
 def middleware(at: Subject) -> Iterator[Finding]:
     """Check which middleware is used, on which network, with whom."""
-    given = at.environment.get
+    from ament_index_python import has_resource
+
+    given = os.environ.get
     if (distribution := given("ROS_DISTRO", "jazzy")) != "jazzy":
         yield judged(f"ROS {distribution} is sourced", "use a shell in which it is not, or ROS 2 Jazzy", fails=True)
     name = given("RMW_IMPLEMENTATION") or FAST_DDS[0]
-    there = any((prefix / "share/ament_index/resource_index/packages" / name).exists() for prefix in _prefixes(at))
+    there = bool(has_resource("packages", name))
     yield judged(f"middleware {name} is {'' if there else 'not '}installed", "unset RMW_IMPLEMENTATION",
                  fails=not there, degrades=name not in (*FAST_DDS, CYCLONE_DDS))  # fmt: skip
     yield from _network(at)
-    domain = named_domain(at.environment) or 0  # raises DomainError
+    domain = named_domain() or 0  # raises DomainError
     quiet = is_quiet(domain)
     yield judged(f"domain {domain}{'' if quiet else ', in which programs run already'}",
                  f"end them, or set ROS_DOMAIN_ID to another of 0 to {HIGHEST}: Linux gives away the ports above",
@@ -132,17 +107,18 @@ def middleware(at: Subject) -> Iterator[Finding]:
 
 def _network(at: Subject) -> Iterator[Finding]:
     """Check the range of discovery, and the interfaces it needs."""
-    given = at.environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
-    profile = at.environment.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(PROFILE))
-    local = given in ("LOCALHOST", "OFF") or at.environment.get("ROS_LOCALHOST_ONLY") == "1"
+    given = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
+    profile = os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(PROFILE))
+    local = given in ("LOCALHOST", "OFF") or os.environ.get("ROS_LOCALHOST_ONLY") == "1"
     if not Path(profile).is_file():
         yield judged(f"{profile}, the profile of Fast DDS, is missing", "unset FASTRTPS_DEFAULT_PROFILES_FILE",
                      fails=True)  # fmt: skip
+    wide = given == "SUBNET" and not local
     weak = " to every computer of the network" + ", with wheels that lack fixes of 2025" * _of_wheels()
-    yield judged(f"range of discovery {given}{weak * (given == 'SUBNET' and not local)}",
+    yield judged(f"range of discovery {given}{weak * wide}",
                  f"ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST; of {', '.join(_RANGES)}", fails=given not in _RANGES,
-                 degrades=given == "SUBNET" and not local)  # fmt: skip
-    flags = {path.parent.name: int(path.read_text(), 16) for path in at.files("sys/class/net/*/flags")}
+                 degrades=wide)  # fmt: skip
+    flags = {path.parent.name: int(text, 16) for path, text in at.texts("sys/class/net/*/flags")}
     if not flags.get("lo", 0) & _UP:
         yield judged("the loopback interface is down: no node finds another", "sudo ip link set lo up", fails=True)
     if not local and not any(flag & _UP and flag & _MULTICAST for name, flag in flags.items() if name != "lo"):
@@ -150,27 +126,33 @@ def _network(at: Subject) -> Iterator[Finding]:
                      "sudo ip link set IF up multicast on", degrades=True)  # fmt: skip
 
 
+def running(at: Subject) -> list[str]:
+    """Return the nodes of the stand that run already in this domain on this machine."""
+    from atpid_control.stand.parts import REAL_TIME_PARTS, devices_of
+
+    found = []
+    for name in dict.fromkeys(part.name for part in (*devices_of(at.options), *REAL_TIME_PARTS)):
+        if (holder := claimed(f"{named_domain() or 0}/{name}")) is None:
+            found.append(name)
+        else:
+            holder.close()
+    return found
+
+
 def nodes(at: Subject) -> Iterator[Finding]:
-    """Check that no node of the stand runs already in this domain on this machine."""
-    holders = {name: claimed(f"{at.environment.get('ROS_DOMAIN_ID', '0')}/{name}") for name in _STARTED}
-    for holder in filter(None, holders.values()):
-        holder.close()
-    running = [name for name, holder in holders.items() if holder is None]
-    yield judged(f"run already: {', '.join(running) or 'none'}", "end them, or set another ROS_DOMAIN_ID",
-                 fails=bool(running))  # fmt: skip
+    """Check that no node of the stand runs already."""
+    found = running(at)
+    yield judged(f"run already: {', '.join(found) or 'none'}", "end them, or set another ROS_DOMAIN_ID",
+                 fails=bool(found))  # fmt: skip
 
 
 def scene(at: Subject) -> Iterator[Finding]:
     """Check the scene."""
-    found = at.read_scene()
-    if found is None:
-        yield Finding(Verdict.NOT_CHECKED, "no scene was given")
-        return
-    found.refuse_faults("the stand")
-    for line in found.warnings():
+    at.scene.refuse_faults("the stand")
+    for line in at.scene.warnings():
         yield judged(line, "correct the scene", degrades=True)
-    moved = "" if found.ceiling.controlled else "; its ceiling has no controller: the height stays"
-    yield judged(f"valid, {found.natural_frequency_hz:.3g} Hz closed{moved}", "ceiling: {controller: lookup, …}",
+    moved = "" if at.scene.ceiling.controlled else "; its ceiling has no controller: the height stays"
+    yield judged(f"valid, {at.scene.natural_frequency_hz:.3g} Hz closed{moved}", "ceiling: {controller: lookup, …}",
                  degrades=bool(moved))  # fmt: skip
 
 
@@ -178,7 +160,7 @@ def parameters(at: Subject) -> Iterator[Finding]:
     """Check the parameter files, and that levels are set at which the motor is switched off."""
     from atpid_control.supervision.limits import QUANTITIES
 
-    levels = at.read_parameters()["supervisor_node"]
+    levels = at.parameters["supervisor_node"]
     found = [name for name in QUANTITIES if levels.get(f"{name}_abort", float("inf")) < float("inf")]
     yield judged(f"abort levels: {', '.join(found) or 'none: however far the beam moves, the motor stays on'}",
                  "set those of your stand with --params-file (docs/graph.md, Levels)", degrades=not found)  # fmt: skip
