@@ -20,7 +20,7 @@ from scipy.io import savemat, wavfile
 
 from atpid_control.cli import main
 from atpid_control.runs.check import check
-from atpid_control.runs.imports.make import READERS, Wanted, import_files
+from atpid_control.runs.imports.make import READERS, import_files
 from atpid_control.runs.imports.units import si_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
@@ -135,7 +135,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
 def imported(path: Path, *wanted: str, **how: Any) -> Run:
     """Import a file, check the bag as a bag is checked, and read it."""
     out = path.parent / "bag"
-    named = [Wanted(*one.split("=", 1)) for one in wanted]
+    named = [(name, column) for name, _, column in (one.partition("=") for one in wanted)]
     import_files([path], out, named, **how)
     verify(out)
     assert all(line.startswith("lost: ") for line in check(out).findings)
@@ -358,7 +358,7 @@ def test_several_rates_and_files_are_several_streams(tmp_path: Path) -> None:
         for name, rate, rows in (("laser", 1000.0, 500), ("acc", 2500.0, 1250), ("force", 1000.0, 500)):
             about = {"wf_increment": 1.0 / rate, "wf_start_time": START.replace(tzinfo=None), "unit_string": "V"}
             writer.write_segment([nptdms.ChannelObject("All", name, np.arange(rows) * rate, about)])
-    import_files([tmp_path / "a.tdms"], tmp_path / "bag")
+    import_files([tmp_path / "a.tdms"], tmp_path / "bag", [])
     found = open_run(tmp_path / "bag")
     assert sorted((run_table.rate, run_table.rows) for run_table, _ in found.streams()) == [
         (1000.0, 500),
@@ -452,7 +452,7 @@ def test_memory_does_not_grow_with_a_table(tmp_path: Path) -> None:
         path = tmp_path / f"long{ending}"
         write(path, Made(10_000.0, {"a": index / 1e4, "b": index / 3.0}))
         tracemalloc.start()
-        import_files([path], tmp_path / f"bag{ending}")
+        import_files([path], tmp_path / f"bag{ending}", [])
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert most < 60e6, ending
