@@ -3,6 +3,7 @@
 
 import errno
 import heapq
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -119,7 +120,9 @@ def _chosen(
         try:
             factor = float(number or 1.0)
         except ValueError:
-            raise BagError(f"--channels {name}: given factor {number!r}; allowed: a number") from None
+            factor = math.nan
+        if not 0.0 < abs(factor) < math.inf:
+            raise BagError(f"--channels {name}: given factor {number!r}; allowed: a number, not 0")
         plain = _plain(path, replace(series, unit=unit) if stated else series, given)
         channels.append(plain._replace(name=name, factor=factor * plain.factor))
         used.add(id(series))
