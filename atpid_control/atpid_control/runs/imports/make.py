@@ -7,7 +7,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from itertools import chain, pairwise
 from pathlib import Path
@@ -59,8 +58,8 @@ def import_files(
     fails. Raises BagError, FileError.
     """
     check_new(out)
-    with building(out.absolute().parent, out.name, "the imported bag") as folder, ExitStack() as stack:
-        given = Given(folder, stack, rate, time)
+    with building(out.absolute().parent, out.name, "the imported bag") as folder:
+        given = Given(folder, rate, time)
         read = [(path, series) for path in files for series in _read(path, given)]
         channels = _unique(_chosen(read, wanted, given) if wanted else [_plain(*one, given) for one in read])
         if not channels:

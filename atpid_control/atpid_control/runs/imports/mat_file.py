@@ -30,12 +30,12 @@ def read(path: Path, given: Given) -> list[Series]:
     if _HDF5 in (start[:8], start[512:520]):
         import h5py
 
-        file = given.open.enter_context(h5py.File(path, "r"))
-        tree: Mapping[str, Any] = {name: item for name, item in file.items() if not name.startswith("#")}
+        with h5py.File(path, "r") as file:
+            tree = {name: item for name, item in file.items() if not name.startswith("#")}
+            found = _tables(path, "", tree, given, None)
     else:
         within_memory(path, 3 * path.stat().st_size)
-        tree = _loaded(path)
-    found = _tables(path, "", tree, given, None)
+        found = _tables(path, "", _loaded(path), given, None)
     if not found:
         raise BagError(f"{path}: no numbers with times or a rate in it; give --rate HZ, or another file")
     return found

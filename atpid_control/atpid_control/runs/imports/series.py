@@ -7,7 +7,6 @@ errors of a library count as that too. A library that set-up leaves out is impor
 
 import math
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -61,7 +60,6 @@ class Given:
     """What a reader is given, and what it reports besides series."""
 
     folder: Path  # for files that are mapped
-    open: ExitStack  # for what must stay open until then
     rate: float | None = None  # [Hz]: rows count as even
     time: str = ""  # name of the column with times
     notes: list[str] = field(default_factory=list)  # what was converted, assumed or left out, a line each
