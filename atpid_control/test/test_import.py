@@ -329,6 +329,21 @@ def test_channels_are_named_and_scaled_as_stated(tmp_path: Path) -> None:
     assert "= 9.80665 × a.csv: acc [g]" in lines(tmp_path / "bag")
 
 
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [("a:m:0", "given factor '0'; allowed: a number, not 0"), ("a:m:nan", "given factor 'nan'"),
+     ("a:m:2:3", "given factor '2:3'"), ("a:furlong", "given :furlong; allowed: :unit[:factor]"),
+     ("b", "given b; in the files: a")],
+)  # fmt: skip
+def test_channels_that_cannot_be_taken_are_refused(
+    stated: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv", {"time": np.arange(9) / 8.0, "a": range(9)})
+    given = ["bag", "import", str(path), "--out", str(tmp_path / "bag"), "--channels", f"beam={stated}"]
+    assert main(given) == 2
+    assert reason in capsys.readouterr().err
+
+
 def test_gaps_keep_their_time_and_are_listed(tmp_path: Path) -> None:
     index = np.r_[0:50, 60:100, 101:200]
     found = imported(table(tmp_path / "a.csv", {"t": index / 250.0, "beam": index}))
