@@ -20,7 +20,7 @@ from scipy.io import savemat, wavfile
 
 from atpid_control.cli import main
 from atpid_control.runs.check import check
-from atpid_control.runs.imports.make import READERS, Wanted, import_files
+from atpid_control.runs.imports.make import READERS, import_files
 from atpid_control.runs.imports.units import si_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
@@ -135,7 +135,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
 def imported(path: Path, *wanted: str, **how: Any) -> Run:
     """Import a file, check the bag as a bag is checked, and read it."""
     out = path.parent / "bag"
-    named = [Wanted(*one.split("=", 1)) for one in wanted]
+    named = [(name, column) for name, _, column in (one.partition("=") for one in wanted)]
     import_files([path], out, named, **how)
     verify(out)
     assert all(line.startswith("lost: ") for line in check(out).findings)
@@ -329,6 +329,21 @@ def test_channels_are_named_and_scaled_as_stated(tmp_path: Path) -> None:
     assert "= 9.80665 × a.csv: acc [g]" in lines(tmp_path / "bag")
 
 
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [("a:m:0", "given factor '0'; allowed: a number, not 0"), ("a:m:nan", "given factor 'nan'"),
+     ("a:m:2:3", "given factor '2:3'"), ("a:furlong", "given :furlong; allowed: :unit[:factor]"),
+     ("b", "given b; in the files: a")],
+)  # fmt: skip
+def test_channels_that_cannot_be_taken_are_refused(
+    stated: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv", {"time": np.arange(9) / 8.0, "a": range(9)})
+    given = ["bag", "import", str(path), "--out", str(tmp_path / "bag"), "--channels", f"beam={stated}"]
+    assert main(given) == 2
+    assert reason in capsys.readouterr().err
+
+
 def test_gaps_keep_their_time_and_are_listed(tmp_path: Path) -> None:
     index = np.r_[0:50, 60:100, 101:200]
     found = imported(table(tmp_path / "a.csv", {"t": index / 250.0, "beam": index}))
@@ -358,7 +373,7 @@ def test_several_rates_and_files_are_several_streams(tmp_path: Path) -> None:
         for name, rate, rows in (("laser", 1000.0, 500), ("acc", 2500.0, 1250), ("force", 1000.0, 500)):
             about = {"wf_increment": 1.0 / rate, "wf_start_time": START.replace(tzinfo=None), "unit_string": "V"}
             writer.write_segment([nptdms.ChannelObject("All", name, np.arange(rows) * rate, about)])
-    import_files([tmp_path / "a.tdms"], tmp_path / "bag")
+    import_files([tmp_path / "a.tdms"], tmp_path / "bag", [])
     found = open_run(tmp_path / "bag")
     assert sorted((run_table.rate, run_table.rows) for run_table, _ in found.streams()) == [
         (1000.0, 500),
@@ -452,7 +467,7 @@ def test_memory_does_not_grow_with_a_table(tmp_path: Path) -> None:
         path = tmp_path / f"long{ending}"
         write(path, Made(10_000.0, {"a": index / 1e4, "b": index / 3.0}))
         tracemalloc.start()
-        import_files([path], tmp_path / f"bag{ending}")
+        import_files([path], tmp_path / f"bag{ending}", [])
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert most < 60e6, ending

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from atpid_driver import DriverError
 from atpid_driver.acquisition import Acquisition, Channel
 from atpid_driver.acquisition.contract import AcquisitionContract
+from atpid_driver.acquisition.errors import StreamLostError
 from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
 from atpid_driver.clock import earliest_line
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
@@ -67,6 +68,29 @@ def test_the_earliest_arrivals_give_the_line(seed: int, rate: float, late: float
     slope, offset = earliest_line(places, 5.0 + places / rate + delays)
     assert slope * rate == pytest.approx(1.0, abs=2e-2)
     assert -0.5 / rate < offset - 5.0 < (1.0 + late) / rate
+
+
+def test_messages_with_and_without_stamps_end_the_stream() -> None:
+    device = TopicAcquisition(TopicSettings(channels=CHANNELS[:1], rate=RATE, scans_per_block=10, source="x"))
+    end = threading.Event()
+
+    def publish() -> None:
+        began, index = time.monotonic(), 1
+        while not end.wait(max(0.0, began + index / RATE - time.monotonic())):
+            device.arrived(
+                np.array([[float(index)]]), 10**18 + round(index / RATE * 1e9) if index % 900 else None, None
+            )
+            index += 1
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        device.start()
+        with pytest.raises(StreamLostError, match="with and without stamps"):
+            list(iter(device.read, None))
+    finally:
+        end.set()
+        thread.join()
 
 
 @pytest.fixture

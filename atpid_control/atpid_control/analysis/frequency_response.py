@@ -6,7 +6,7 @@ truth where both have some (Bendat and Piersol, Random Data, 4th ed., section 6.
 passes once, a sweep or a shock, has neither averages nor a period: its response is that of `local_response`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +44,9 @@ class FrequencyResponse:
     averages: float  # independent ones
     smeared: Array  # (k,) how far the window's width may shift H1, relative [-]
     most_excited: int  # the line with the strongest excitation
-    doubts: tuple[str, ...]
     local: Array | None = None  # (k,) standard deviation of local models, relative [-]; None: of averages
     clock_error: float = 0.0  # standard deviation of the delay between two devices [s]
+    left_out: int = 0  # samples that local models do not use
 
     @property
     def tone(self) -> bool:
@@ -89,6 +89,35 @@ class FrequencyResponse:
         among = self.trusted if self.trusted.any() else self.excited
         return int(np.argmax(np.where(among, np.abs(self.h1), -1.0)))
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the response cannot be trusted, a line each."""
+        lines = []
+        if self.clock_error:  # NaN, too
+            lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
+                         "signal with both")  # fmt: skip
+        if self.averages < FEWEST_AVERAGES:
+            lines.append(
+                f"{self.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
+            )
+        low = int(np.count_nonzero(self.excited & (self.coherence < COHERENT)))
+        if low:
+            lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(self.excited)} excited lines: "
+                         "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
+        place = self.strongest
+        apart = float(abs(self.h2[place]) / abs(self.h1[place])) - 1.0
+        if apart > _APART:
+            lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {self.frequency[place]:.4g} Hz: noise, or "
+                         "lines too far apart; then the error bar is too small")  # fmt: skip
+        if self.tone:
+            lines.append(f"only {np.count_nonzero(self.excited)} lines are excited, a tone: the response holds there; "
+                         "a sweep or noise shows a resonance")  # fmt: skip
+        elif self.local is None and (width := half_power_width(self) or _LINES) < _LINES:
+            lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
+        if self.left_out:
+            lines.append(f"{self.left_out} samples beside the longest part without a gap are not in the response")
+        return tuple(lines)
+
 
 def frequency_response(signals: Signals, resolution: float | None = None, window: str = "") -> FrequencyResponse:
     """Return the response of `signals`, lines `resolution` [Hz] apart. Raises AnalysisError: nothing excites.
@@ -101,8 +130,7 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     given, answer = (one[begin:end] for one in (signals.excitation, signals.response))
     moves = end - begin > _TONE * FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
     if moves and (window == "local" or (not window and not resolution and passes_once(given, signals.rate))):
-        made = _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
-        return replace(made, doubts=tuple(_doubts(made)) + made.doubts)
+        return _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
     window = window if window not in ("", "local") else "hann"
     found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)
     inside = found.frequency > 0.0
@@ -117,11 +145,8 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     most = int(np.argmax(np.where(inside, found.first, -1.0)))
     smeared = _smeared(h1, excited) if window != "boxcar" else np.zeros(len(h1))
     h1, h2 = _in_time(signals, found.frequency, h1, h2)
-    made = FrequencyResponse(
-        found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most, (),
-        clock_error=signals.clock_error,
-    )  # fmt: skip
-    return replace(made, doubts=tuple(_doubts(made)))
+    return FrequencyResponse(found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most,
+                             clock_error=signals.clock_error)  # fmt: skip
 
 
 def _swept(
@@ -132,11 +157,10 @@ def _swept(
         raise AnalysisError(
             "the excitation passes once, too short for a response; give --window hann, or a longer part"
         )
-    left = len(signals.response) - used
-    doubts = (f"{left} samples beside the longest part without a gap are not in the response",) if left else ()
     (turned,), none = _in_time(signals, lines, h), np.zeros(len(lines))
     return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), FREEDOM + 1.0, none,
-                             int(np.argmax(density)), doubts, deviation, signals.clock_error)  # fmt: skip
+                             int(np.argmax(density)), deviation, signals.clock_error,
+                             len(signals.response) - used)  # fmt: skip
 
 
 def _in_time(signals: Signals, frequency: Array, *responses: Array) -> list[Array]:
@@ -156,35 +180,6 @@ def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
     known = excited[:-2] & excited[1:-1] & excited[2:]
     shift[1:-1][known] = (np.abs(h1[2:] - 2.0 * h1[1:-1] + h1[:-2]) / (6.0 * np.abs(h1[1:-1])))[known]
     return shift
-
-
-def _doubts(found: FrequencyResponse) -> list[str]:
-    """Return why the response cannot be trusted, a line each."""
-    lines = []
-    if found.clock_error:  # NaN, too
-        lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
-                     "signal with both")  # fmt: skip
-    if found.averages < FEWEST_AVERAGES:
-        lines.append(
-            f"{found.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
-        )
-    low = int(np.count_nonzero(found.excited & (found.coherence < COHERENT)))
-    if low:
-        lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(found.excited)} excited lines: "
-                     "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
-    place = found.strongest
-    apart = float(abs(found.h2[place]) / abs(found.h1[place])) - 1.0
-    if apart > _APART:
-        lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {found.frequency[place]:.4g} Hz: noise, or lines "
-                     "too far apart; then the error bar is too small")  # fmt: skip
-    if found.tone:
-        lines.append(f"only {np.count_nonzero(found.excited)} lines are excited, a tone: the response holds there; a "
-                     "sweep or noise shows a resonance")  # fmt: skip
-        return lines
-    width = half_power_width(found)
-    if width is not None and width < _LINES and found.local is None:
-        lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
-    return lines
 
 
 def half_power_width(found: FrequencyResponse) -> int | None:

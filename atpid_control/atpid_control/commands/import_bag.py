@@ -4,17 +4,17 @@
 import argparse
 
 from atpid_common.arguments import file_path, real, refuse, text
-from atpid_control.runs.imports.make import READERS, Wanted, import_files
+from atpid_control.runs.imports.make import READERS, import_files
 from atpid_sim.display import working
 
 EXAMPLE = "measured.csv --out out/measured --channels beam_displacement=Laser:mm support_displacement=Shaker:m:0.002"
 
 
-def _wanted(given: str) -> Wanted:
+def _wanted(given: str) -> tuple[str, str]:
     name, equals, column = given.partition("=")
     if not (name.isidentifier() and equals and column):
         refuse(given, "NAME=COLUMN[:unit[:factor]], such as beam_displacement=Laser:mm")
-    return Wanted(name, column)
+    return name, column
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,10 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     """Import and print what is in the bag, and what was converted or left out; return 0. Raises BagError, FileError."""
     with working("importing"):
-        done = import_files(given.files, given.out, given.channels, given.rate, given.time)
-    for line in done.channels:
-        print(line)
-    for line in done.notes:
-        print(f"note: {line}")
-    print(given.out)
+        channels, notes = import_files(given.files, given.out, given.channels, given.rate, given.time)
+    print(*channels, *(f"note: {line}" for line in notes), given.out, sep="\n")
     return 0

@@ -5,8 +5,9 @@ import csv
 import math
 from array import array
 from collections.abc import Iterator
+from itertools import chain, dropwhile
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,8 @@ from atpid_sim.system import Array
 
 #: Sampling instants of a table may be off the even grid by this share of a step.
 _UNEVEN = 0.05
-#: Size of a table at most [bytes], and longest comment [characters].
-_LARGEST, _LONGEST_LINE = 100_000_000, 100_000
+#: Size of a table at most [bytes].
+_LARGEST = 100_000_000
 #: Largest time: that of a stamp in nanoseconds, which is a whole number of 64 bits [s].
 _LATEST = 9e9
 
@@ -32,8 +33,8 @@ def read_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
     try:
         check(path, _LARGEST)
         with path.open(newline="", encoding="utf-8-sig") as lines:
-            before = _skip_comments(lines)
-            units, columns, missing = _columns(path, csv.reader(lines), before)
+            before, head = next(dropwhile(lambda line: line[1].startswith("#"), enumerate(lines)), (0, ""))
+            units, columns, missing = _columns(path, csv.reader(chain([head], lines)), before)
     except FileError as error:
         raise BagError(f"{error}; give a bag or a .csv table") from None
     except OSError as error:
@@ -47,15 +48,6 @@ def read_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
     table = Table("table", "table", "csv", known, rate, float(time[0]), rows=time.size)
     index = np.arange(time.size)
     return table, {TIME: time, STAMP: np.rint(1e9 * time).astype(np.int64), INDEX: index, **channels}, missing
-
-
-def _skip_comments(lines: TextIO) -> int:
-    """Pass over the lines at the begin that are comments; return how many."""
-    count, place = 0, lines.tell()
-    while lines.readline(_LONGEST_LINE).startswith("#"):
-        count, place = count + 1, lines.tell()
-    lines.seek(place)
-    return count
 
 
 def _columns(

@@ -20,7 +20,7 @@ from atpid_driver.acquisition.settings import AcquisitionSettings, setting
 from atpid_driver.clock import earliest_line
 
 #: Largest difference of the measured rate from the one asked for [-]; time over which it is measured [s], and messages.
-RATE_OFF, MEASURED_S, MEASURED = 0.02, 2.0, 20
+_RATE_OFF, _MEASURED_S, _MEASURED = 0.02, 2.0, 20
 #: The same of a rate from single steps, which jitter.
 _ABOUT = 0.4
 #: By how much of its distance from the grid a stamp moves it; longest step of the stamps [s].
@@ -48,9 +48,8 @@ class Arrival(NamedTuple):
     """One message."""
 
     values: Volts  # its scans (k, channels)
-    stamp_ns: int | None  # None: it has no header
-    number: int
-    steady_s: float  # when it came
+    time_ns: int  # its stamp, or when it came, by the steady clock
+    number: int | None  # None: it is placed by its stamp
 
 
 class TopicAcquisition(Device):
@@ -58,24 +57,22 @@ class TopicAcquisition(Device):
 
     def __init__(self, settings: TopicSettings) -> None:
         self._settings: TopicSettings = settings
+        self.settings = settings
         self._arrivals: deque[Arrival] = deque(maxlen=100_000)
         self._changed = threading.Condition()
         self._count, self._open = 0, False
-        self.late = 0  # scans that came twice, or after they were given up
         self.start_ns: int | None = None  # by the driver's stamps, at index 0 [ns since the epoch]; None: it has none
         self._measured: float | None = None  # rate of the first stream [Hz]
-
-    @property
-    def settings(self) -> TopicSettings:
-        """What it was made with."""
-        return self._settings
 
     def arrived(self, values: Volts, stamp_ns: int | None, number: int | None) -> None:
         """Take the scans (k, channels) of a message, its stamp [ns] and its number, where it has them."""
         with self._changed:
-            number = self._count if number is None else number
+            if stamp_ns is None:
+                one = Arrival(values, time.monotonic_ns(), self._count if number is None else number)
+            else:
+                one = Arrival(values, stamp_ns, None)
             self._count += 1
-            self._arrivals.append(Arrival(values, stamp_ns, number, time.monotonic()))
+            self._arrivals.append(one)
             self._changed.notify_all()
 
     def open(self) -> DeviceIdentity:
@@ -90,36 +87,36 @@ class TopicAcquisition(Device):
             self._open = True
         began = time.monotonic()
         seen: list[Arrival] = []
-        while len(seen) < MEASURED or time.monotonic() < began + MEASURED_S:
+        while len(seen) < _MEASURED or time.monotonic() < began + _MEASURED_S:
             seen.append(self._next_arrival())
-        scans = len(seen[-1].values)
-        steady_s = np.array([one.steady_s for one in seen])
-        if seen[0].stamp_ns is not None:
-            times = np.array([one.stamp_ns - seen[0].stamp_ns for one in seen if one.stamp_ns is not None]) * 1e-9
+        scans, first = len(seen[-1].values), seen[0]
+        times = np.array([one.time_ns - first.time_ns for one in seen]) * 1e-9
+        if first.number is None:
             step = float(np.median(np.diff(np.sort(times))))  # of whatever rate: messages may be lost, or early
             self._check_rate(scans / step if step > 0.0 else 0.0, _ABOUT)
             places = np.rint(times * self._settings.rate / scans)
             slope, offset = np.polyfit(places, times, 1)
-            zero_ns = seen[0].stamp_ns
         else:
-            places = np.array([one.number - seen[0].number for one in seen], np.float64)
-            slope, offset = earliest_line(places, steady_s - steady_s[0])
-            zero_ns = 0
+            places = np.array([one.number - first.number for one in seen if one.number is not None], np.float64)
+            slope, offset = earliest_line(places, times)
         rate = scans / slope if slope > 0.0 else 0.0
-        self._check_rate(rate, RATE_OFF)
+        self._check_rate(rate, _RATE_OFF)
         self._measured = rate if self._measured is None else self._measured
         self._scans, self._rows = scans, dict[int, Any]()
-        self._zero = int(places.max()) + 1  # the place of index 0, in messages after the first one seen
-        self._first = seen[0]
-        self._reference = (self._zero - 1, zero_ns + round((offset + slope * (self._zero - 1)) * 1e9))
-        self.start_ns = zero_ns + round((offset + slope * self._zero) * 1e9) if zero_ns else None
+        zero = int(places.max()) + 1  # the place of index 0, in messages after the first one seen
+        self._zero = zero + (first.number or 0)
+        at_ns = first.time_ns + round((offset + slope * zero) * 1e9)
+        self._reference = 0, at_ns  # a message, counted from index 0 on, and its stamp
+        self.start_ns = at_ns if first.number is None else None
         self._reached: float | None = None
         return self._started(self._measured)
 
     def _check_rate(self, rate: float, off: float) -> None:
         if not abs(rate / self._settings.rate - 1.0) < off:
-            told = f"{self._settings.source} gives {rate:.4g} scans/s, `rate` is {self._settings.rate:g}"
-            raise SetupRefusedError(f"{told}: set it within {100 * RATE_OFF:g} %")
+            raise SetupRefusedError(
+                f"{self._settings.source} gives {rate:.4g} scans/s, `rate` is {self._settings.rate:g}: set it within "
+                f"{100 * _RATE_OFF:g} %"
+            )
 
     def _next_arrival(self, until: float | None = None) -> Arrival:
         """Wait for a message; raise StreamLostError where none comes. Raises TimeoutError at `until` [s, steady]."""
@@ -161,28 +158,28 @@ class TopicAcquisition(Device):
 
     def _place(self, one: Arrival, last: int) -> None:
         """Put the scans of a message where they belong. Raises StreamLostError: its stamp, or its size, is another."""
-        if one.values.shape[0] != self._scans:
-            raise StreamLostError(
-                f"{self._settings.source} gives {len(one.values)} scans a message, {self._scans} before"
-            )
-        if one.stamp_ns is not None:
+        source = self._settings.source
+        if len(one.values) != self._scans:
+            raise StreamLostError(f"{source} gives {len(one.values)} scans a message, {self._scans} before")
+        if (one.number is None) != (self.start_ns is not None):
+            raise StreamLostError(f"{source} gives messages with and without stamps: fill in all of them, or none")
+        if one.number is None:
             place, at_ns = self._reference
             period_ns = 1e9 * self._scans / (self._measured or 1.0)
-            ahead = (one.stamp_ns - at_ns) / period_ns
-            if abs(one.stamp_ns - at_ns) > _LONGEST_STEP * 1e9:
-                raise StreamLostError(f"the stamps of {self._settings.source} jump by {ahead * period_ns * 1e-9:.3g} s")
-            steps = round(ahead)
-            if steps > 0:
-                self._reference = place + steps, at_ns + round((steps + _FOLLOW * (ahead - steps)) * period_ns)
+            ahead_ns = one.time_ns - at_ns
+            if abs(ahead_ns) > _LONGEST_STEP * 1e9:
+                raise StreamLostError(f"the stamps of {source} jump by {ahead_ns * 1e-9:.3g} s")
+            steps = round(ahead_ns / period_ns)
             place += steps
+            if steps > 0:
+                off_ns = ahead_ns - steps * period_ns
+                self._reference = place, at_ns + round(steps * period_ns + _FOLLOW * off_ns)
         else:
-            place = one.number - self._first.number
-        first = (place - self._zero) * self._scans
+            place = one.number - self._zero
+        first = place * self._scans
         for index, row in enumerate(one.values, first):
-            if index < self._next or index in self._rows:
-                self.late += index >= 0
-            else:
-                self._rows[index] = row
+            if index >= self._next:
+                self._rows.setdefault(index, row)  # of one that came twice the first counts
         if self._reached is None and first + self._scans > last:
             self._reached = time.monotonic()
 

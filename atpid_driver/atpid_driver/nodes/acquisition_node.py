@@ -36,7 +36,7 @@ from atpid_driver.calibration.convert import block_si
 from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.channel_watch import ChannelWatch
 from atpid_driver.nodes.device_node import DeviceNode
-from atpid_driver.nodes.topic_source import listen
+from atpid_driver.nodes.topic_source import subscribe_source
 
 
 class AcquisitionNode(DeviceNode):
@@ -53,7 +53,7 @@ class AcquisitionNode(DeviceNode):
             self._settings, self._calibrations = settings_of(self, self.USUAL)
             self._device = create(self._settings["backend"], self._settings)
             if isinstance(self._device, TopicAcquisition):
-                listen(self, self._device)
+                subscribe_source(self, self._device)
         except InputError:
             self.leave_graph()
             raise

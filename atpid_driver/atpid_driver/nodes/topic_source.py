@@ -21,7 +21,7 @@ _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
 _LOOK = 0.1  # how often a publisher is looked for [s]
 
 
-def listen(node: Node, device: TopicAcquisition) -> None:
+def subscribe_source(node: Node, device: TopicAcquisition) -> None:
     """Subscribe to the device's topic. Raises SetupRefusedError: its type is not installed, or has no such field."""
     settings = device.settings
     package, _, name = settings.source_type.partition("/msg/")

@@ -3,10 +3,11 @@
 
 import errno
 import heapq
+import math
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from atpid_common.message_checks import time_out_of_range
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.imports import csv_file, mat_file, tdms_file, uff_file, wav_file
-from atpid_control.runs.imports.series import PIECE, Given, Grid, Reader, Series
+from atpid_control.runs.imports.series import PIECE, Given, Grid, Series
 from atpid_control.runs.imports.units import si_of
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.recover import building
@@ -28,7 +29,7 @@ from atpid_control.runs.topics import BLOCK
 from atpid_control.runs.writer import BagWriter, check_new
 
 #: Readers by the endings of their files.
-READERS: dict[str, Reader] = {
+READERS: dict[str, Callable[[Path, Given], list[Series]]] = {
     ".csv": csv_file.read, ".txt": csv_file.read, ".tsv": csv_file.read, ".dat": csv_file.read, ".asc": csv_file.read,
     ".mat": mat_file.read, ".tdms": tdms_file.read, ".uff": uff_file.read, ".unv": uff_file.read,
     ".wav": wav_file.read,
@@ -37,21 +38,6 @@ NOTES = "import.txt"
 #: Messages a second, where they then have so many scans at least; and a number above which a value is none.
 _BLOCKS, _SCANS, _LARGEST = 20.0, 32, 1e100
 _CHUNK = 1 << 18  # [bytes]
-
-
-class Wanted(NamedTuple):
-    """A channel of the bag, from `NAME=COLUMN[:unit[:factor]]`."""
-
-    name: str
-    column: str  # with what follows it: a column may have colons in its name
-
-
-@dataclass(frozen=True)
-class Imported:
-    """What a bag was made of."""
-
-    channels: list[str]  # a line each
-    notes: list[str]  # what was converted, assumed, left out, a line each
 
 
 class _Channel(NamedTuple):
@@ -63,24 +49,24 @@ class _Channel(NamedTuple):
 
 
 def import_files(
-    files: Sequence[Path], out: Path, wanted: Sequence[Wanted] = (), rate: float | None = None, time: str = ""
-) -> Imported:
-    """Write the channels of files to the new bag `out`; nothing is left where that fails. Raises BagError, FileError.
+    files: Sequence[Path], out: Path, wanted: Sequence[tuple[str, str]], rate: float | None = None, time: str = ""
+) -> tuple[list[str], list[str]]:
+    """Write the channels of files to the new bag `out`; return a line for each, and for what was changed or left out.
 
-    wanted: the channels to take, all under their own names where none is given. rate [Hz]: rows of tables count as
-    even. time: name of the column with times.
+    wanted: names of channels, each with its column and what follows that (`Laser:mm`); empty: all columns, under their
+    own names. rate [Hz]: rows of tables count as even. time: name of the column with times. Nothing is left where that
+    fails. Raises BagError, FileError.
     """
     check_new(out)
-    with building(out.absolute().parent, out.name, "the imported bag") as folder, ExitStack() as stack:
-        (folder / "columns").mkdir()
-        given = Given(folder / "columns", stack, rate, time)
+    with building(out.absolute().parent, out.name, "the imported bag") as folder:
+        given = Given(folder, rate, time)
         read = [(path, series) for path in files for series in _read(path, given)]
         channels = _unique(_chosen(read, wanted, given) if wanted else [_plain(*one, given) for one in read])
         if not channels:
             raise BagError(f"{', '.join(map(str, files))}: no channel to import{'; '.join(['', *given.notes])[:300]}")
         lines = _write(folder / out.name, files, _placed(channels, given), given)
         (folder / out.name).rename(out)
-    return Imported(lines, given.notes)
+    return lines, given.notes
 
 
 def _read(path: Path, given: Given) -> list[Series]:
@@ -121,42 +107,43 @@ def _plain(path: Path, series: Series, given: Given) -> _Channel:
     return _Channel(name or "channel", unit, factor, series, source)
 
 
-def _chosen(read: list[tuple[Path, Series]], wanted: Sequence[Wanted], given: Given) -> list[_Channel]:
+def _chosen(
+    read: list[tuple[Path, Series]], wanted: Sequence[tuple[str, str]], given: Given
+) -> list[_Channel]:  # fmt: skip
     channels, used = [], set[int]()
-    for one in wanted:
-        path, series, rest = _found(read, one)
-        unit, factor, stated = series.unit, 1.0, rest.split(":") if rest else []
-        if len(stated) > 2 or (stated and si_of(stated[0]) is None):
-            raise BagError(f"--channels {one.name}: given :{rest}; allowed: :unit[:factor], such as :mm or :m:0.002")
-        if stated:
-            unit = stated[0]
-        if len(stated) == 2:
-            try:
-                factor = float(stated[1])
-            except ValueError:
-                raise BagError(f"--channels {one.name}: given factor {stated[1]!r}; allowed: a number") from None
-        plain = _plain(path, Series(series.name, unit, series.values, series.grid), given)
-        channels.append(plain._replace(name=one.name, factor=factor * plain.factor))
+    for name, column in wanted:
+        path, series, stated = _found(read, name, column)
+        unit, _, number = stated.partition(":")
+        if stated and si_of(unit) is None:
+            raise BagError(f"--channels {name}: given :{stated}; allowed: :unit[:factor], such as :mm or :m:0.002")
+        try:
+            factor = float(number or 1.0)
+        except ValueError:
+            factor = math.nan
+        if not 0.0 < abs(factor) < math.inf:
+            raise BagError(f"--channels {name}: given factor {number!r}; allowed: a number, not 0")
+        plain = _plain(path, replace(series, unit=unit) if stated else series, given)
+        channels.append(plain._replace(name=name, factor=factor * plain.factor))
         used.add(id(series))
     left = [f"{path.name}: {series.name}" for path, series in read if id(series) not in used]
     given.notes += [f"left out, not among --channels: {', '.join(left)}"] if left else []
     return channels
 
 
-def _found(read: list[tuple[Path, Series]], one: Wanted) -> tuple[Path, Series, str]:
-    """Return file and series that a wanted channel names, by the longest name that fits, and what follows it."""
-    words = one.column.split(":")
+def _found(read: list[tuple[Path, Series]], name: str, column: str) -> tuple[Path, Series, str]:
+    """Return file and series of a wanted channel, by the longest name that fits, and what follows it."""
+    words = column.split(":")  # which a column's name may hold
     for count in range(len(words), 0, -1):
-        name, rest = ":".join(words[:count]), ":".join(words[count:])
+        one = ":".join(words[:count])
         fits = [(path, series) for path, series in read
-                if name in (series.name, f"{path.name}/{series.name}", series.name.rpartition("/")[2])]  # fmt: skip
+                if one in (series.name, f"{path.name}/{series.name}", series.name.rpartition("/")[2])]  # fmt: skip
         if len(fits) > 1:
             names = ", ".join(f"{path.name}/{series.name}" for path, series in fits)
-            raise BagError(f"--channels {one.name}: given {name}, which several files or groups have: {names[:200]}")
+            raise BagError(f"--channels {name}: given {one}, which several files or groups have: {names[:200]}")
         if fits:
-            return *fits[0], rest
+            return *fits[0], ":".join(words[count:])
     names = ", ".join(series.name for _, series in read)
-    raise BagError(f"--channels {one.name}: given {one.column}; in the files: {names[:300]}")
+    raise BagError(f"--channels {name}: given {column}; in the files: {names[:300]}")
 
 
 def _unique(channels: list[_Channel]) -> list[_Channel]:
@@ -172,20 +159,19 @@ def _unique(channels: list[_Channel]) -> list[_Channel]:
 
 def _placed(channels: list[_Channel], given: Given) -> dict[Grid, list[_Channel]]:
     """Return the channels by what was sampled together, on one axis of stamps from 1970 or 0 on."""
-    dated = {one.series.grid.dated for one in channels}
-    earliest = min((one.series.grid.start_ns for one in channels if not one.series.grid.dated), default=0)
-    zero = min((one.series.grid.start_ns for one in channels if one.series.grid.dated), default=0)
-    if dated == {True, False}:
+    begun = {dated: min((one.series.grid.start_ns for one in channels if one.series.grid.dated == dated), default=0)
+             for dated in {one.series.grid.dated for one in channels}}  # fmt: skip
+    if len(begun) > 1:
         given.notes.append("some files have no date: taken as begun with the others")
-    elif dated == {False}:
-        given.notes.append(
-            "no date in it: stamps begin at 0" + (f", times at {earliest * 1e-9:g} s" if earliest else "")
-        )
+    elif False in begun:
+        times = f", times at {begun[False] * 1e-9:g} s" if begun[False] else ""
+        given.notes.append(f"no date in it: stamps begin at 0{times}")
     streams: dict[Grid, list[_Channel]] = {}
     for one in channels:
         grid = one.series.grid
-        at = grid.start_ns if grid.dated else grid.start_ns - min(0, earliest) + zero
-        streams.setdefault(Grid(grid.rate, grid.rows, at, True, grid.jumps), []).append(one)
+        if not grid.dated:
+            grid = replace(grid, start_ns=grid.start_ns - min(0, begun[False]) + begun.get(True, 0), dated=True)
+        streams.setdefault(grid, []).append(one)
     return streams
 
 
@@ -200,11 +186,11 @@ def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channe
     ]
     names = one_line(", ".join(path.name for path in files))  # the fact IMPORTED
     writer = BagWriter(folder, new_run(imported=names), chunk=_CHUNK)
-    invalid: dict[str, int] = {}
-    for grid in streams:
-        writer.add_topic(topics[grid], BLOCK)
-    for stamp, topic, data in heapq.merge(*(_messages(topics[grid], grid, group, invalid)
-                                            for grid, group in streams.items()), key=lambda one: one[0]):  # fmt: skip
+    for topic in topics.values():
+        writer.add_topic(topic, BLOCK)
+    invalid = Counter[str]()
+    messages = (_messages(topics[grid], grid, group, invalid) for grid, group in streams.items())
+    for stamp, topic, data in heapq.merge(*messages, key=lambda one: one[0]):
         writer.write(topic, data, stamp, stamp)
     given.notes += [f"{name}: {count} samples are no finite number: NaN" for name, count in invalid.items() if count]
     writer.attach(NOTES, "\n".join([*lines, *given.notes, ""]).encode())
@@ -212,9 +198,7 @@ def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channe
     return lines
 
 
-def _messages(
-    topic: str, grid: Grid, group: list[_Channel], invalid: dict[str, int]
-) -> Iterator[tuple[int, str, bytes]]:
+def _messages(topic: str, grid: Grid, group: list[_Channel], invalid: Counter[str]) -> Iterator[tuple[int, str, bytes]]:
     """Yield (stamp, topic, message) of a stream; `invalid` counts the samples of each channel that are no numbers."""
     store: Any = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
@@ -223,7 +207,6 @@ def _messages(
              "skew": np.zeros(len(group)), "rate": grid.rate, "handshake": False}  # fmt: skip
     scans = max(_SCANS, round(grid.rate / _BLOCKS))
     piece = scans * max(1, PIECE // scans)
-    invalid |= dict.fromkeys(fixed["channels"], 0)  # type: ignore[call-overload]
     for (row, index), (until, _) in pairwise([(0, 0), *grid.jumps, (grid.rows, 0)]):
         for begin in range(row, until, piece):
             values = np.empty((min(piece, until - begin), len(group)))

@@ -6,6 +6,7 @@ Records of one channel that follow each other, as this project's export writes t
 
 import re
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -37,10 +38,9 @@ def read(path: Path, given: Given) -> list[Series]:
     kinds = [int(kind) for kind in file.get_set_types()]
     factors: dict[str, Any] = next((file.read_sets(place) for place, kind in enumerate(kinds) if kind == 164), {})
     others = sorted({kind for kind in kinds if kind not in (58, 151, 164)})
-    given.notes += (
-        [f"{path.name}: data sets {', '.join(map(str, others))}: left out, no time responses"] if others else []
-    )
-    records: dict[tuple[str, float], list[tuple[int, bool, Any, str]]] = {}
+    if others:
+        given.notes.append(f"{path.name}: data sets {', '.join(map(str, others))}: left out, no time responses")
+    records: dict[tuple[str, float], list[Series]] = {}
     found: list[Series] = []
     for place in (place for place, kind in enumerate(kinds) if kind == 58):
         one = file.read_sets(place)
@@ -55,8 +55,9 @@ def read(path: Path, given: Given) -> list[Series]:
             found += timed(path, "", {"time": ("s", one["x"]), name: (_unit(one, factors, given), values)}, given)
         else:
             rate, start_ns, dated = _times(one, given)
-            records.setdefault((name, rate), []).append((start_ns, dated, values, _unit(one, factors, given)))
-    return found + [series for (name, rate), parts in records.items() for series in _joined(name, rate, parts, given)]
+            made = Series(name, _unit(one, factors, given), values, Grid(rate, len(values), start_ns, dated))
+            records.setdefault((name, rate), []).append(made)
+    return found + [series for parts in records.values() for series in _joined(parts, given)]
 
 
 def _name(one: dict[str, Any]) -> str:
@@ -94,19 +95,21 @@ def _unit(one: dict[str, Any], factors: dict[str, Any], given: Given) -> str:
     return "" if label.upper() == "NONE" else label
 
 
-def _joined(name: str, rate: float, parts: list[tuple[int, bool, Any, str]], given: Given) -> list[Series]:
-    """Return the records of one name as one series where they follow each other, NaN between them, else as several."""
-    start, dated, _, unit = parts[0]
-    places = [round((stamp - start) * 1e-9 * rate) for stamp, *_ in parts]
-    ends = [place + len(part) for place, (_, _, part, _) in zip(places, parts, strict=True)]
-    missing = ends[-1] - sum(len(part) for _, _, part, _ in parts)
-    if any(place < end for end, place in zip(ends, places[1:], strict=False)) or missing > _MOST_MISSING * rate:
-        return [Series(f"{name}_{n}" if n else name, own, part, Grid(rate, len(part), at, since))
-                for n, (at, since, part, own) in enumerate(parts)]  # fmt: skip
+def _joined(parts: list[Series], given: Given) -> list[Series]:
+    """Return the records of one name and rate as one series where they follow each other, NaN between, else as several.
+
+    Each channel has its own gaps: as NaN they leave the channels of a table sampled together.
+    """
+    grid, name = parts[0].grid, parts[0].name
+    begins = [round((one.grid.start_ns - grid.start_ns) * 1e-9 * grid.rate) for one in parts]
+    ends = [begin + len(one.values) for begin, one in zip(begins, parts, strict=True)]
+    missing = ends[-1] - sum(len(one.values) for one in parts)
+    if any(begin < end for end, begin in zip(ends, begins[1:], strict=False)) or missing > _MOST_MISSING * grid.rate:
+        return [replace(one, name=f"{name}_{n}") if n else one for n, one in enumerate(parts)]
     if len(parts) == 1:
-        return [Series(name, unit, parts[0][2], Grid(rate, ends[0], start, dated))]
+        return parts
     given.notes.append(f"{name}: {len(parts)} records are one channel, {missing} samples missing between them are NaN")
     values = np.full(ends[-1], np.nan)
-    for place, end, (_, _, part, _) in zip(places, ends, parts, strict=True):
-        values[place:end] = part
-    return [Series(name, unit, values, Grid(rate, len(values), start, dated))]
+    for begin, end, one in zip(begins, ends, parts, strict=True):
+        values[begin:end] = one.values
+    return [replace(parts[0], values=values, grid=replace(grid, rows=ends[-1]))]

@@ -3,27 +3,12 @@
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import wavfile
 
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.imports.series import Given, Grid, Series
-
-
-class _Scaled:
-    """One channel of integers as numbers from -1 to 1, piece by piece."""
-
-    def __init__(self, values: Any) -> None:
-        self._values = values
-        self._zero, self._full = (128, 128) if values.dtype == np.uint8 else (0, -int(np.iinfo(values.dtype).min))
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __getitem__(self, part: slice) -> Any:
-        return (self._values[part].astype(np.float64) - self._zero) / self._full
+from atpid_control.runs.imports.series import PIECE, Given, Grid, Series, mapped
 
 
 def read(path: Path, given: Given) -> list[Series]:
@@ -40,9 +25,10 @@ def read(path: Path, given: Given) -> list[Series]:
     if not rate > 0 or not data.size:
         raise BagError(f"{path}: {data.size} samples at {rate} Hz; give a file with a rate and samples")
     table = data[:, None] if data.ndim == 1 else data
-    whole = table.dtype.kind in "iu"
-    if whole:
+    rows, count = table.shape
+    if table.dtype.kind in "iu":
         given.notes.append(f"{path.name}: integers ({table.dtype}) are scaled: full scale is 1")
-    grid = Grid(float(rate), len(table))
-    columns = (table[:, place] for place in range(table.shape[1]))
-    return [Series(f"channel_{n}", "", _Scaled(one) if whole else one, grid) for n, one in enumerate(columns, 1)]
+        zero, full = (128, 128) if table.dtype == np.uint8 else (0, -int(np.iinfo(table.dtype).min))
+        parts = (table[begin : begin + PIECE] for begin in range(0, rows, PIECE))
+        table = mapped(given, ((part - np.float64(zero)) / full for part in parts)).reshape(rows, count)
+    return [Series(f"channel_{n}", "", values, Grid(float(rate), rows)) for n, values in enumerate(table.T, 1)]
