@@ -25,7 +25,8 @@ from atpid_control.campaign.judge import Judge, is_random
 from atpid_control.campaign.model import model_of
 from atpid_control.campaign.page import compared, write_page
 from atpid_control.campaign.plan import Point, Rules, points_of, read_campaign
-from atpid_control.campaign.run import Pause, run_campaign
+from atpid_control.campaign.run import run_campaign
+from atpid_control.campaign.stands import Stand
 from atpid_control.cli import main
 from atpid_control.identification import Estimate
 from atpid_control.runs.run import open_run
@@ -154,11 +155,10 @@ def test_alarms_spoil_a_point_and_rumble_does_not() -> None:
     assert Mode.FAULT  # the mode with which the motor's fault is named
 
 
-class BrokenStand:
-    """A stand of which some attempts are bad; it measures nothing."""
+class BrokenStand(Stand):
+    """A stand of which every attempt is bad; it measures nothing."""
 
-    def __init__(self, bad: dict[int, int]) -> None:
-        self.bad, self.faults = bad, 0  # attempts that are bad, by point
+    def __init__(self) -> None:
         self.asked: list[int] = []
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
@@ -166,27 +166,17 @@ class BrokenStand:
         (folder / "bag").mkdir()
         judge.bad = f"attempt {self.asked.count(point.number)}"
 
-    def rest(self, until: Any) -> None:
-        self.faults += 1
-        assert until()
-
-    def fault(self) -> str:
-        return ""
-
-    def close(self) -> None:
-        return
-
 
 def test_a_bad_point_is_repeated_then_skipped_and_named(tmp_path: Path) -> None:
     campaign, scene = read_campaign(campaign_file(tmp_path, grain_masses=None, rules={"repeat_bad": 2}))
-    folder, stand = CampaignFolder(tmp_path / "out"), BrokenStand({})
+    folder, stand = CampaignFolder(tmp_path / "out"), BrokenStand()
     with folder.open({"campaign": 1}):
-        done = run_campaign(campaign, scene, folder, lambda _: stand, lambda *_: None, Pause())
+        done = run_campaign(campaign, scene, folder, lambda _: stand, lambda *_: None, lambda: False)
     assert (done.points, done.measured, len(done.skipped), done.attempts_bad) == (6, 0, 6, 12)
     assert "attempt 3" in done.skipped[0]
     assert [stand.asked.count(number) for number in range(1, 7)] == [3] * 6
     with folder.open({"campaign": 1}):  # nothing is left
-        run_campaign(campaign, scene, folder, lambda _: stand, lambda *_: None, Pause())
+        run_campaign(campaign, scene, folder, lambda _: stand, lambda *_: None, lambda: False)
     assert len(stand.asked) == 18
 
 
@@ -226,7 +216,7 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
     for record in index:
         assert not open_run(folder.place(record["number"]) / "bag").unread
     found = compared(campaign, scene, folder)
-    assert sum(abs(one.apart) <= 2.0 for one in found) >= 12 * 0.95
+    assert sum(abs(one["apart"]) <= 2.0 for one in found) >= 12 * 0.95
     page = write_page(campaign, scene, folder)
     assert all((out / f"points/{number:04d}/report/report.html").is_file() for number in range(1, 13))
     wrong = {name: findings for name, findings in visited(page).items() if findings}
