@@ -185,7 +185,10 @@ def _run(folder: Path, chance: random.Random) -> list[Injected]:
             print(f"injected: {what}", file=sys.stderr)
             one = Injected(what, time.time())
             try:
-                FAULTS.get(what, lambda one: one.process.kill())(running)
+                if what in FAULTS:
+                    FAULTS[what](running)
+                else:
+                    running.process.kill()
             except (KeyError, OSError, subprocess.CalledProcessError) as error:  # gone between two points
                 print(f"not injected, again later: {error!r}", file=sys.stderr)
                 plan.insert(0, (points, what))

@@ -219,12 +219,13 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
     assert sum(abs(one["apart"]) <= 2.0 for one in found) >= 12 * 0.95
     page = write_page(campaign, scene, folder)
     assert all((out / f"points/{number:04d}/report/report.html").is_file() for number in range(1, 13))
-    wrong = {name: findings for name, findings in visited(page).items() if findings}
-    assert wrong == {}
     assert main(["calibrate", "campaign", str(out), "--out", str(tmp_path / "model")]) == 0
     load_scene(tmp_path / "model/model.yaml")
     model = model_of(campaign, scene, folder)
-    assert model.beam.mass == pytest.approx(scene.beam.mass, rel=0.02)
-    assert model.beam.stiffness == pytest.approx(scene.beam.stiffness, rel=0.02)
-    assert model.beam.damping == pytest.approx(scene.beam.damping, rel=0.02)
+    for name in ("mass", "stiffness", "damping"):
+        value, std = getattr(model.beam, name), getattr(model.beam, f"{name}_std")
+        assert value == pytest.approx(getattr(scene.beam, name), abs=3.0 * std), name
+        assert std < 0.01 * value
     assert model.restitution == pytest.approx(restitution(scene), abs=4.0 * model.restitution_std)
+    wrong = {name: findings for name, findings in visited(page).items() if findings}
+    assert wrong == {}

@@ -35,6 +35,7 @@ class StandModel:
     """What the bags of a campaign determine."""
 
     beam: BeamParameters
+    fit: BeamFit  # it was made of, with the lightest grain
     restitution: float | None  # None: no point determines it
     restitution_std: float
     taken: tuple[str, ...]  # what was not measured but taken as known, and what was left out, a line each
@@ -51,9 +52,12 @@ class StandModel:
     @property
     def uncertainty(self) -> dict[str, float]:
         """Two standard deviations, relative, by the names of `atpid design --uncertainty`."""
-        beam = self.beam
-        frequency = 0.5 * math.hypot(beam.stiffness_std / beam.stiffness, beam.mass_std / beam.mass)
-        found = {"mass": beam.mass_std / beam.mass, "frequency": frequency, "damping": beam.damping_std / beam.damping}
+        beam, fit = self.beam, self.fit
+        mass, (stiffness, damping) = beam.mass_std / beam.mass, np.sqrt(np.diag(fit.covariance))
+        # an error of the mass is in stiffness and damping too: of frequency and ratio only the grain's share is left
+        grain = 0.5 * (1.0 - beam.mass * fit.stiffness / beam.stiffness) * mass
+        found = {"mass": mass, "frequency": math.hypot(0.5 * stiffness / fit.stiffness, grain),
+                 "damping": math.hypot(damping / fit.damping, grain)}  # fmt: skip
         if self.restitution is not None:
             found["restitution"] = self.restitution_std / self.restitution
         return {name: 2.0 * value for name, value in found.items()}
@@ -96,11 +100,11 @@ def model_of(campaign: Campaign, scene: Scene, folder: CampaignFolder, moving_ma
         variances.append([[((found.high - found.low) / (2.0 * _NORMAL)) ** 2]])
     if not values:
         taken.append(f"the restitution: {restitution(scene):.4g}, the scene's")
-        return StandModel(beam, None, math.nan, tuple(taken))
+        return StandModel(beam, lightest, None, math.nan, tuple(taken))
     (value,), ((variance,),) = _mean(np.array(values), np.array(variances))
     if with_restitution(scene, value / restitution(scene)) is None:
         taken.append("the scene's contact, whose law cannot be given the restitution found")
-    return StandModel(beam, float(value), math.sqrt(variance), tuple(taken))
+    return StandModel(beam, lightest, float(value), math.sqrt(variance), tuple(taken))
 
 
 def _part(folder: CampaignFolder, record: Record) -> tuple[Run, Signals]:

@@ -50,7 +50,7 @@ class CampaignWatch(BenchWatch):
         super().__init__(to_stderr, **node_options)
         self.received: deque[Any] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
-        self.plant = PlantTruth()  # the simulated one waits for its loop once its stamp is not 0
+        self.plant: PlantTruth | None = None  # a simulated one that has published waits for its loop
         self._asked = ExcitationCommand(kind=ExcitationCommand.OFF)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", STATES)
         for kind, topic, name, profile in (
