@@ -68,11 +68,7 @@ class GraphStand(Stand):
             self._watch = stack.enter_context(taking_part())
             stack.enter_context(self._nodes.motor_first())
             if emulated:  # the device begins once the plant behind it waits for it
-                self._until(
-                    lambda: self._watch.plant.header.stamp.sec and self._watch.exciter.header.stamp.sec,
-                    _START,
-                    "the plant",
-                )
+                self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "the plant")
                 self._watch.start(LABJACK.name)
             self._until(lambda: self._watch.elapsed, _START, "the first estimate")
             self._stack = stack.pop_all()
@@ -183,9 +179,6 @@ class GraphStand(Stand):
         with self._stack:
             self._watch.excite(0.0, 0.0)
             self._until(lambda: self._watch.exciter.mode not in _DRIVEN, _RAMP_DOWN, "the end of the excitation")
-
-    def _plant_there(self) -> bool:
-        return all(one.header.stamp.sec for one in (self._watch.plant, self._watch.exciter))
 
     def _until(self, happened: Callable[[], Any], timeout: float, what: str) -> None:
         deadline = time.monotonic() + timeout
