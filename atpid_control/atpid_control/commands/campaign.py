@@ -138,7 +138,9 @@ def _model(args: argparse.Namespace) -> int:
     print(f"design: atpid design --structure {path} --uncertainty {uncertainty} ...")
     print(f"margin: stiffness_uncertainty of selector_node, {model.uncertainty['frequency'] * 2.0:.2g}")
     if args.map:
-        made = map_for(found.with_(ceiling=found.to_mapping()["ceiling"] | {"controller": "lookup"}))
+        ceiling = found.to_mapping()["ceiling"] | {"controller": "lookup"}
+        ceiling.pop("map", None)  # of the scene given
+        made = map_for(found.with_(ceiling=ceiling))
         assert made is not None
         with output.writing(out):
             shutil.copy(made, out / "map.npz")
