@@ -123,13 +123,12 @@ class GraphStand(Stand):
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
         """See `Stand`."""
         recorder = self._recorder(point, folder)
-        feed = Feed(judge, recording=False)
         try:
             height = point.height(self._scene) or 0.0
             self._watch.select(str(point.ceiling) if point.is_method else "", height)
             self._watch.excite(point.amplitude, point.frequency)
             self._watch.received.clear()
-            begun = time.monotonic()
+            begun, feed = time.monotonic(), Feed(judge, recording=False)
             while not judge.over:
                 time.sleep(_LOOK)
                 while self._watch.received and not judge.over:
