@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated and the real stand of a campaign: one graph that runs throughout, and a recorder for each point."""
 
+import math
 import os
 import tempfile
 import time
@@ -161,9 +162,7 @@ class GraphStand(Stand):
     def rest(self, until: Callable[[], bool]) -> None:
         """See `Stand`."""
         self._watch.excite(0.0, 0.0)
-        while not until():
-            time.sleep(_LOOK)
-            self._check()
+        self._until(until, math.inf, "the end of a rest")
 
     def fault(self) -> str:
         """See `Stand`."""
