@@ -17,11 +17,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
+from rclpy.node import Node
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -29,8 +30,9 @@ from std_srvs.srv import Trigger
 
 from atpid_common.arguments import file_path, whole
 from atpid_common.nodes.node_main import command_node
+from atpid_control.campaign.folder import MEASURED, CampaignFolder
+from atpid_control.campaign.page import AGREE, agreeing, compared
 from atpid_control.campaign.plan import points_of, read_campaign
-from atpid_control.campaign.result import simulated
 from atpid_control.runs.run import open_run
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes.composition import QUIET
@@ -63,8 +65,6 @@ CAMPAIGN: dict[str, Any] = {
 }
 #: The campaign may take so long at most [s].
 _LONGEST = 3600.0
-#: Standard deviations within which a curve equals another.
-_SIGMAS = 2.0
 
 
 @dataclass
@@ -84,11 +84,10 @@ class Injected:
 class Running:
     """The campaign's process, what it prints, and its devices."""
 
-    def __init__(self, folder: Path, domain: int) -> None:
+    def __init__(self, folder: Path) -> None:
         """Start it, or let it go on."""
-        environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
         command = [str(program()), "campaign", str(folder / "campaign.yaml"), "--out", str(folder / "points")]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.lines: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -114,10 +113,6 @@ class Running:
         values = Path(f"/proc/{self.children()['labjack_node']}/environ").read_bytes().decode().split("\0")
         return Control(next(Path(value.partition("=")[2]) for value in values if value.endswith("/device")))
 
-    def kill(self) -> None:
-        """Kill the campaign itself."""
-        self.process.kill()
-
     def stop_for(self, name: str, seconds: float) -> None:
         """Let a process, or what it stands for, not answer for some seconds; each leads a group of its own."""
         group = self.children()[name]
@@ -130,11 +125,10 @@ def laser(kind: str) -> None:
     """Disturb a laser for three seconds."""
     for value in (f"['{kind} off 0 1000000']", "['']"):
         words = [str(program()), "ros", "param", "set", "/plant_node", "faults", value]
-        subprocess.run(words, check=True, stdout=subprocess.DEVNULL, env=os.environ | {"ROS_DOMAIN_ID": DOMAIN[0]})
+        subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
         time.sleep(3.0)
 
 
-DOMAIN = [""]
 #: One fault a device.
 FAULTS: dict[str, Callable[[Running], None]] = {
     "support laser: no reading for 3 s": lambda _: laser("support_laser"),
@@ -160,8 +154,9 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True)
         for name, values in (("scene.yaml", SCENE), ("campaign.yaml", CAMPAIGN)):
             (folder / name).write_text(yaml.safe_dump(values), encoding="utf-8")
-        with own_domain() as domain:
-            DOMAIN[0] = str(domain)
+        with own_domain() as domain:  # free now: the campaign, whenever it is started, and its faults are in it
+            pass
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
         injected = _run(folder, random.Random(args.seed))
         (folder / "injected.json").write_text(json.dumps([vars(one) for one in injected], indent=1))
     return _judge(folder)
@@ -173,7 +168,7 @@ def _run(folder: Path, chance: random.Random) -> list[Injected]:
     chance.shuffle(whats)
     plan = list(zip(sorted(chance.sample(range(1, 56), len(whats))), whats, strict=True))
     done: list[Injected] = []
-    running, ends = Running(folder, int(DOMAIN[0])), time.monotonic() + _LONGEST
+    running, ends = Running(folder), time.monotonic() + _LONGEST
     while time.monotonic() < ends:
         time.sleep(0.5)
         _rearm(running)
@@ -182,7 +177,7 @@ def _run(folder: Path, chance: random.Random) -> list[Injected]:
                 return done
             print(f"the campaign ended with {running.process.returncode}; the same command again", file=sys.stderr)
             time.sleep(8.0)  # nodes of a killed one end by themselves
-            running = Running(folder, int(DOMAIN[0]))
+            running = Running(folder)
         points = len(list((folder / "points" / "points").glob("[0-9]*")))
         if plan and points >= plan[0][0] and "recorder_node" in running.children():
             what = plan.pop(0)[1]
@@ -190,7 +185,10 @@ def _run(folder: Path, chance: random.Random) -> list[Injected]:
             print(f"injected: {what}", file=sys.stderr)
             one = Injected(what, time.time())
             try:
-                FAULTS.get(what, Running.kill)(running)
+                if what in FAULTS:
+                    FAULTS[what](running)
+                else:
+                    running.process.kill()
             except (KeyError, OSError, subprocess.CalledProcessError) as error:  # gone between two points
                 print(f"not injected, again later: {error!r}", file=sys.stderr)
                 plan.insert(0, (points, what))
@@ -205,18 +203,12 @@ def _rearm(running: Running) -> None:
     """Do what the campaign asks a person for: arm the stand again, until it measures."""
     if not running.lines or not running.lines[-1].startswith("waiting, without excitation"):
         return
-    before = os.environ.get("ROS_DOMAIN_ID")
-    os.environ["ROS_DOMAIN_ID"] = DOMAIN[0]
-    from rclpy.node import Node
-
-    with command_node(lambda: Node("person"), *QUIET) as (node, executor):
+    with command_node(partial(Node, "person"), *QUIET) as (node, executor):
         client = node.create_client(Trigger, "supervisor_node/rearm")
         if client.wait_for_service(5.0):
             answer = client.call_async(Trigger.Request())
             executor.spin_until_future_complete(answer, timeout_sec=12.0)
             print(f"rearm: {answer.result()}", file=sys.stderr)
-    if before is not None:
-        os.environ["ROS_DOMAIN_ID"] = before
     if running.lines[-1].startswith("waiting"):
         running.lines.append("")
 
@@ -224,58 +216,41 @@ def _rearm(running: Running) -> None:
 def _judge(folder: Path) -> int:
     """Print what came of it; return 1 where a rule is broken or fewer than 95 % of the points agree."""
     campaign, scene = read_campaign(folder / "campaign.yaml")
-    points = points_of(campaign, scene)
+    kept, points = CampaignFolder(folder / "points"), points_of(campaign, scene)
     injected = [Injected(**one) for one in json.loads((folder / "injected.json").read_text())]
-    broken, inside, measured = [], 0, 0
-    places = sorted((folder / "points" / "points").iterdir())
-    records = [json.loads((place / "point.json").read_text()) for place in places]
-    numbers = sorted(record["number"] for record in records)
-    if numbers != sorted(point.number for point in points):
-        broken.append(f"{len(points)} points wanted, there are {numbers}")
+    records, rows = kept.records(), compared(campaign, scene, kept)
+    broken = [f"skipped: {one['point']}: {one['reason']}" for one in records.values() if one["status"] != MEASURED]
+    if (numbers := sorted(one["number"] for one in records.values())) != sorted(point.number for point in points):
+        broken.append(f"{len(points)} points asked for, there are {numbers}")
+    columns = ("beam_amplitude", "beam_amplitude_std", "simulated_amplitude", "simulated_amplitude_std")
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in ("point", "measured [m]", "±", "simulated [m]", "±", "apart [σ]", "attempt"):
         table.add_column(name, justify="left" if name == "point" else "right")
-    for place, point in zip(places, sorted(points, key=lambda one: one.number), strict=False):
-        record = json.loads((place / "point.json").read_text())
-        if record["status"] != "measured":
-            broken.append(f"skipped: {point.text}: {record['reason']}")
-            continue
-        begin, end = _span(place, record)
+    for row in rows:
+        bag = kept.place(row["number"]) / "bag"
+        start = 1e-9 * open_run(bag).start_ns  # by the wall clock [s]: samples have its stamps
         broken += [
-            f"{point.text}: measured during {one.what}"
+            f"{row['point']}: measured during {one.what}"
             for one in injected
-            if one.begin < end and begin < one.end and one.spoils
+            if one.begin < start + row["end"] and start + row["begin"] < one.end and one.spoils
         ]
-        broken += _verified(place / "bag")
-        beside = simulated(campaign, scene, point, record)
-        error = math.hypot(record["beam_amplitude_std"], beside["simulated_amplitude_std"])
-        apart = (record["beam_amplitude"] - beside["simulated_amplitude"]) / error
-        measured, inside = measured + 1, inside + (abs(apart) <= _SIGMAS)
-        values = (record["beam_amplitude"], record["beam_amplitude_std"], beside["simulated_amplitude"],
-                  beside["simulated_amplitude_std"])  # fmt: skip
-        table.add_row(point.text, *(f"{value:.5f}" for value in values), f"{apart:+.1f}", str(record["attempt"]))
+        broken += _verified(bag)
+        values = (f"{row[name]:.5f}" for name in columns)
+        table.add_row(row["point"], *values, f"{row['apart']:+.1f}", str(row["attempt"]))
     console = Console(width=130, highlight=False)
     console.print(table)
-    bad = [json.loads(path.read_text()) for path in sorted((folder / "points" / "bad").glob("*/point.json"))]
-    for one in injected:
-        console.print(f"injected: {one.what}")
-    for record in bad:
-        console.print(f"bad: {record['point']}: {record['reason']}")
-    for line in broken:
-        console.print(f"BROKEN: {line}")
-    share = inside / measured if measured else 0.0
+    bad = [json.loads(path.read_text()) for path in sorted(kept.bad.glob("*/point.json"))]
+    for line in (*(f"injected: {one.what}" for one in injected),
+                 *(f"bad: {one['point']}: {one['reason']}" for one in bad),
+                 *(f"BROKEN: {line}" for line in broken)):  # fmt: skip
+        console.print(line)
+    share = agreeing(rows) / len(rows) if rows else 0.0
     counts = f"{len(bad)} bad attempts, {len(injected)} faults and kills"
-    console.print(f"{measured} of {len(points)} points measured, {counts}; within {_SIGMAS:g} standard deviations of "
-                  f"simulation: {inside} ({100.0 * share:.1f} %)")  # fmt: skip
+    console.print(f"{len(rows)} of {len(points)} points measured, {counts}; within {AGREE:g} standard deviations of "
+                  f"simulation: {agreeing(rows)} ({100.0 * share:.1f} %)")  # fmt: skip
     return int(bool(broken) or share < 0.95)
-
-
-def _span(place: Path, record: dict[str, Any]) -> tuple[float, float]:
-    """Return when a point was measured, by the wall clock [s]: its samples have those stamps."""
-    start = 1e-9 * open_run(place / "bag").start_ns
-    return start + record["begin"], start + record["end"]
 
 
 def _verified(bag: Path) -> list[str]:
     done = subprocess.run([str(program()), "bag", "verify", str(bag)], capture_output=True, text=True, check=False)
-    return [] if done.returncode == 0 else [f"{bag}: {np.array(done.stdout.splitlines())[-1:]}{done.stderr}"]
+    return [] if done.returncode == 0 else [f"{bag}: {done.stdout.splitlines()[-1:]}{done.stderr}"]

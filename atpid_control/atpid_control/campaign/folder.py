@@ -22,6 +22,8 @@ from atpid_control.stand.outdir import claimed
 from atpid_sim.simulation.simulate import finite
 
 RECORD, PLAN = "point.json", "campaign.json"
+#: What a record has as its `status`; a point with one of the first two is done.
+MEASURED, SKIPPED, BAD = "measured", "skipped", "bad"
 Record = dict[str, Any]
 
 
@@ -75,22 +77,28 @@ class CampaignFolder:
         return part
 
     def keep(self, part: Path, record: Record) -> None:
-        """Make a point that was measured, or is given up, one that is done."""
-        _moved(part, self.place(record["number"]), record)
-
-    def set_aside(self, part: Path, record: Record) -> None:
-        """Keep an attempt that was bad, with the reason."""
+        """Make a point that was measured, or is given up, one that is done; an attempt that was bad is set aside."""
         number = record["number"]
-        _moved(part, self.bad / f"{number:04d}-{len(self.attempts(number)) + 1}", record)
+        aside = self.bad / f"{number:04d}-{record['attempt']}"
+        target = aside if record["status"] == BAD else self.place(number)
+        _write(part / RECORD, record)
+        for path in (*part.rglob("*"), part):
+            _flush(path)
+        part.rename(target)  # fails where there is one already, which is not empty
+        _flush(target.parent)
 
-    def attempts(self, number: int) -> list[Record]:
-        """Return the bad attempts of a point."""
-        return [_read(path / RECORD) for path in sorted(self.bad.glob(f"{number:04d}-*"))]
+    def attempts(self, number: int) -> int:
+        """Return how many attempts of a point were bad."""
+        return sum(1 for _ in self.bad.glob(f"{number:04d}-*"))
+
+    def record(self, number: int) -> Record:
+        """Return what was kept of a point that is done."""
+        record: Record = json.loads((self.place(number) / RECORD).read_text(encoding="utf-8"))
+        return record
 
     def records(self) -> dict[int, Record]:
         """Return the points that are done, by number."""
-        found = [_read(path / RECORD) for path in sorted(self.points.glob("[0-9]*"))]
-        return {record["number"]: record for record in found}
+        return {(number := int(path.name)): self.record(number) for path in sorted(self.points.glob("[0-9]*"))}
 
     def write_index(self) -> None:
         """Write index.json and index.csv anew: a convenience, from the points that are there."""
@@ -102,16 +110,6 @@ class CampaignFolder:
         table.writeheader()
         table.writerows(rows)
         _replace(self.path / "index.csv", text.getvalue())
-
-
-def _moved(part: Path, target: Path, record: Record) -> None:
-    """Write the record into a folder, flush all of it, and give it its name: after that it is there for good."""
-    _write(part / RECORD, record)
-    for path in part.rglob("*"):
-        _flush(path)
-    _flush(part)
-    part.rename(target)  # fails where there is one already, which is not empty
-    _flush(target.parent)
 
 
 def _write(path: Path, value: Any) -> None:
@@ -131,8 +129,3 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _read(path: Path) -> Record:
-    record: Record = json.loads(path.read_text(encoding="utf-8"))
-    return record

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated and the real stand of a campaign: one graph that runs throughout, and a recorder for each point."""
 
+import math
 import os
 import tempfile
 import time
@@ -15,7 +16,7 @@ from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
 from atpid_control.campaign.judge import Judge
 from atpid_control.campaign.plan import Campaign, Point
-from atpid_control.campaign.stands import Feed
+from atpid_control.campaign.stands import Feed, Stand
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
@@ -47,7 +48,7 @@ _FOREVER = 1e6
 _DRIVEN = (ExciterMode.RAMPING, ExciterMode.RUNNING, ExciterMode.STOPPING)
 
 
-class GraphStand:
+class GraphStand(Stand):
     """Processes of a stand whose excitation is commanded; `log` has what they print."""
 
     def __init__(self, campaign: Campaign, scene: Scene, point: Point, folder: Path) -> None:
@@ -70,7 +71,7 @@ class GraphStand:
             if emulated:  # the device begins once the plant behind it waits for it
                 self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "the plant")
                 self._watch.start(LABJACK.name)
-            self._until(lambda: self._watch.blocks, _START, "the first estimate")
+            self._until(lambda: self._watch.elapsed, _START, "the first estimate")
             self._stack = stack.pop_all()
 
     def _emulated(self, point: Point) -> tuple[Parameters, Commands]:
@@ -121,19 +122,17 @@ class GraphStand:
         return written
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
-        """See `Stand.measure`."""
+        """See `Stand`."""
         recorder = self._recorder(point, folder)
-        feed = Feed(judge, recording=False)
         try:
             height = point.height(self._scene) or 0.0
             self._watch.select(str(point.ceiling) if point.is_method else "", height)
             self._watch.excite(point.amplitude, point.frequency)
             self._watch.received.clear()
-            begun = heard = time.monotonic()
+            begun, feed = time.monotonic(), Feed(judge, recording=False)
             while not judge.over:
                 time.sleep(_LOOK)
                 while self._watch.received and not judge.over:
-                    heard = time.monotonic()
                     feed(self._watch.received.popleft())
                 status = self._watch.recorder
                 feed.recording = status.recording and status.bag == str(folder / "bag")
@@ -141,8 +140,8 @@ class GraphStand:
                     judge.bad = f"the recorder ended: {recorder.reason()}"
                 elif not feed.recording and time.monotonic() - begun > _RECORD:
                     judge.bad = f"the recorder has not begun within {_RECORD:g} s: {recorder.reason()}"
-                elif time.monotonic() - heard > _SILENCE:
-                    judge.bad = f"no message for {_SILENCE:g} s"
+                elif time.monotonic() - feed.last > _SILENCE:
+                    judge.bad = f"no estimate for {_SILENCE:g} s"
                 self._check()
             if not judge.bad:
                 time.sleep(_BEHIND)  # what is still missing then makes the point bad
@@ -161,14 +160,12 @@ class GraphStand:
         return NodeProcess(name, command, folder / "recorder.log")
 
     def rest(self, until: Callable[[], bool]) -> None:
-        """See `Stand.rest`."""
+        """See `Stand`."""
         self._watch.excite(0.0, 0.0)
-        while not until():
-            time.sleep(_LOOK)
-            self._check()
+        self._until(until, math.inf, "the end of a rest")
 
     def fault(self) -> str:
-        """See `Stand.fault`."""
+        """See `Stand`."""
         watch = self._watch
         for name, state in (("motor", watch.ceiling), ("exciter", watch.exciter)):
             if state.mode in _OFF[name]:

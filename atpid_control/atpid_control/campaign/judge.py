@@ -100,12 +100,12 @@ class Judge:
             return f"the excitation is {Quality(estimate.quality).name.lower()}"
         if estimate.lost:
             return f"{estimate.lost} samples lost or saturated"
-        for name, unit, value, std, wanted, share in (
+        for name, unit, value, std, given, share in (
             ("amplitude", "", estimate.amplitude, estimate.amplitude_std, self.amplitude, self.rules.amplitude),
             ("frequency", " Hz", estimate.frequency, estimate.frequency_std, self.frequency, self.rules.frequency),
         ):
-            if abs(value - wanted) > share * wanted + _SIGMAS * std:
-                return f"{name} {value:.5g}{unit}, wanted {wanted:.5g}{unit}"
+            if abs(value - given) > share * given + _SIGMAS * std:
+                return f"{name} {value:.5g}{unit}, wanted {given:.5g}{unit}"
         if not math.isfinite(height) or moving:
             return "the ceiling moves" if moving else "the ceiling's height is not known"
         if self.height is not None and abs(height - self.height) > ARRIVED:

@@ -8,29 +8,31 @@ from functools import partial
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from statistics import fmean
+from typing import Any
 
 from plotly.offline import get_plotlyjs
 
 from atpid_common.output import writing
-from atpid_control.campaign.folder import CampaignFolder
-from atpid_control.campaign.plan import Campaign, Point, points_of
-from atpid_control.campaign.result import GIVEN, simulated
+from atpid_control.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
+from atpid_control.campaign.plan import Campaign
+from atpid_control.campaign.result import simulated
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.make import PAGE, report
 from atpid_control.views.static_page import Link, document, facts, table, warnings
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
+from atpid_sim.simulation.batch import HERE, Batch, Progress
+from atpid_sim.simulation.simulate import finite
 
 #: Standard deviations within which measurement and simulation agree.
 AGREE = 2.0
 _COLOURS = ("own", "given", "accent", "ink", "muted")
-#: Charts: the quantity of a point that varies along the axis, its unit and scale, and the words for the chart.
+#: Charts: the column of a record that varies along the axis, its unit and scale, and the words for the chart.
 _AXES = (
-    ("ceiling", "height of the ceiling, mm", 1e3, "Efficiency over the height"),
-    ("grain_mass", "mass of the grain, g", 1e3, "Efficiency over the grain's mass"),
-    ("amplitude", "amplitude of the excitation, mm or mN", 1e3, "Efficiency over the amplitude"),
-    ("ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
+    ("height", "height of the ceiling, mm", 1e3, "Efficiency over the height"),
+    ("wanted_grain_mass", "mass of the grain, g", 1e3, "Efficiency over the grain's mass"),
+    ("wanted_amplitude", "amplitude of the excitation, mm or mN", 1e3, "Efficiency over the amplitude"),
+    ("wanted_ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
 )
 _HEADS = ("point", "excitation", "frequency", "height", "beam", "simulated", "apart", "efficiency", "motion", "attempt")
 _CLICK = (
@@ -39,63 +41,73 @@ _CLICK = (
 )
 
 
-class Compared(NamedTuple):
-    """A point that was measured, beside its simulation."""
-
-    point: Point
-    record: dict[str, Any]  # with what `simulated` returns
-
-    @property
-    def apart(self) -> float:
-        """Measured less simulated amplitude over the standard deviation of their difference [-]."""
-        record = self.record
-        error = math.hypot(record["beam_amplitude_std"], record["simulated_amplitude_std"])
-        return float((record["beam_amplitude"] - record["simulated_amplitude"]) / error)
-
-
 def compared(
-    campaign: Campaign, scene: Scene, folder: CampaignFolder, workers: Workers = HERE, progress: Progress | None = None
-) -> list[Compared]:  # fmt: skip
-    """Return all points measured, by number, each simulated at the excitation and height that were measured."""
-    records = folder.records()
-    found = [(point, records[point.number]) for point in sorted(points_of(campaign, scene), key=lambda one: one.number)
-             if records.get(point.number, {}).get("status") == "measured"]  # fmt: skip
-    jobs = [(point, tuple((name, record[name]) for name in GIVEN)) for point, record in found]
-    beside = Batch(partial(_simulated, campaign, scene), jobs, processes=True).run(workers, progress)
-    return [Compared(point, record | more) for (point, record), more in zip(found, beside, strict=True)]
+    campaign: Campaign, scene: Scene, folder: CampaignFolder, progress: Progress | None = None
+) -> list[Record]:
+    """Return the records of all points measured, by number, each simulated at what was measured.
+
+    Beside what `simulated` returns: `apart`, measured less simulated amplitude over the standard deviation of their
+    difference [-], and the `efficiency` [-] of both, against the closed damper of the same grain and excitation,
+    measured where there is one, else simulated.
+    """
+    found = [record for record in folder.records().values() if record["status"] == MEASURED]
+    jobs = [record["number"] for record in found]
+    beside = Batch(partial(_simulated, campaign, scene, folder), jobs, processes=True).run(HERE, progress)
+    rows = [record | more for record, more in zip(found, beside, strict=True)]
+    closed: dict[tuple[Any, ...], list[Record]] = {}
+    for row in rows:
+        if row["wanted_ceiling"] == "closed":
+            closed.setdefault(_excited(row), []).append(row)
+    for row in rows:
+        error = math.hypot(row["beam_amplitude_std"], row["simulated_amplitude_std"])
+        row["apart"] = (row["beam_amplitude"] - row["simulated_amplitude"]) / error
+        bare = {"beam_amplitude": row["closed_amplitude"], "beam_amplitude_std": 0.0}
+        for name, key, references in (
+            ("efficiency", "beam_amplitude", closed.get(_excited(row), [bare])),
+            ("simulated_efficiency", "simulated_amplitude", [bare]),
+        ):
+            reference, std = (fmean(one[f"beam_amplitude{end}"] for one in references) for end in ("", "_std"))
+            ratio = row[key] / reference
+            row[name], row[f"{name}_std"] = 1.0 - ratio, math.hypot(row[f"{key}_std"], ratio * std) / reference
+    return rows
 
 
-def _simulated(campaign: Campaign, scene: Scene, job: tuple[Point, tuple[tuple[str, float], ...]]) -> dict[str, float]:
-    return simulated(campaign, scene, job[0], dict(job[1]))
+def _excited(row: Record) -> tuple[Any, ...]:
+    return tuple(row[f"wanted_{name}"] for name in ("amplitude", "frequency", "grain_mass"))
 
 
-def write_page(
-    campaign: Campaign, scene: Scene, folder: CampaignFolder, workers: Workers = HERE, progress: Progress | None = None
-) -> Path:
+def _simulated(campaign: Campaign, scene: Scene, folder: CampaignFolder, number: int) -> dict[str, float]:
+    return simulated(campaign, scene, folder.record(number))
+
+
+def agreeing(rows: Sequence[Record]) -> int:
+    """Return how many points agree with their simulation."""
+    return sum(abs(row["apart"]) <= AGREE for row in rows)
+
+
+def write_page(campaign: Campaign, scene: Scene, folder: CampaignFolder, progress: Progress | None = None) -> Path:
     """Write index.html, comparison.json and each point's report; return the page. Raises OutputError, BagError."""
-    found = compared(campaign, scene, folder, workers, progress)
-    for one in found:
-        place = folder.place(one.point.number)
+    rows = compared(campaign, scene, folder, progress)
+    for row in rows:
+        place = folder.place(row["number"])
         if not (place / "report" / PAGE).is_file():
             report(place / "bag", place / "report")
     page = folder.path / "index.html"
-    rows = [one.record | {"apart": one.apart} for one in found]
     with writing(page):
-        (folder.path / "comparison.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        page.write_text(_html(campaign, folder, found), encoding="utf-8")
+        (folder.path / "comparison.json").write_text(json.dumps(finite(rows), indent=1) + "\n", encoding="utf-8")
+        page.write_text(_html(campaign, folder, rows), encoding="utf-8")
     return page
 
 
-def _html(campaign: Campaign, folder: CampaignFolder, found: Sequence[Compared]) -> str:
-    figures = dict(_figures(found))
-    records = folder.records()
-    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in records.values() if one["status"] != "measured"]
-    agree = sum(abs(one.apart) <= AGREE for one in found)
-    code = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record]) -> str:
+    figures = dict(_figures(rows))
+    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
+               if one["status"] == SKIPPED]  # fmt: skip
+    code = json.dumps(finite(figures), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     script = files("atpid_control.views.report").joinpath("data", "page.js").read_text(encoding="utf-8")
     about = {
-        "stand": campaign.stand, "points": f"{len(found)} measured, {len(skipped)} skipped",
-        "agreement": f"{agree} of {len(found)} within {AGREE:g} standard deviations of simulation",
+        "stand": campaign.stand, "points": f"{len(rows)} measured, {len(skipped)} skipped",
+        "agreement": f"{agreeing(rows)} of {len(rows)} within {AGREE:g} standard deviations of simulation",
     }  # fmt: skip
     charts = (
         f'<figure><div class="chart" id="{name}" role="img" aria-label="{title}"></div></figure>'
@@ -108,85 +120,61 @@ def _html(campaign: Campaign, folder: CampaignFolder, found: Sequence[Compared])
         "</header>", facts(about), warnings(skipped), *charts,
         '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
         "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
-        table("Every point", _HEADS, [_row(one, found) for one in found]),
+        table("Every point", _HEADS, map(_row, rows)),
         f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',
         f"<script>{script}{_CLICK}</script>",
     ])  # fmt: skip
 
 
-def _address(point: Point) -> str:
-    return f"points/{point.number:04d}/report/{PAGE}"
+def _address(row: Record) -> str:
+    return f"points/{row['number']:04d}/report/{PAGE}"
 
 
-def _row(one: Compared, found: Sequence[Compared]) -> list[str | Link]:
-    record, point = one.record, one.point
-    share, error = _efficiency(one, found, "beam_amplitude")
+def _row(row: Record) -> list[str | Link]:
     return [
-        Link(point.text, _address(point)), f"{record['excitation_amplitude']:.5g}",
-        f"{record['excitation_frequency']:.4f} Hz", f"{1e3 * record['height']:.4g} mm",
-        _with_error(1e3 * record["beam_amplitude"], 1e3 * record["beam_amplitude_std"], "mm"),
-        _with_error(1e3 * record["simulated_amplitude"], 1e3 * record["simulated_amplitude_std"], "mm"),
-        f"{one.apart:+.1f}".replace("-", "−"), _with_error(100.0 * share, 100.0 * error, "%"),
-        "regular" if record["regular"] else "irregular", str(record["attempt"]),
+        Link(row["point"], _address(row)), f"{row['excitation_amplitude']:.5g}",
+        f"{row['excitation_frequency']:.4f} Hz", f"{1e3 * row['height']:.4g} mm",
+        _with_error(row, "beam_amplitude", 1e3, "mm"), _with_error(row, "simulated_amplitude", 1e3, "mm"),
+        f"{row['apart']:+.1f}".replace("-", "−"), _with_error(row, "efficiency", 100.0, "%"),
+        "regular" if row["regular"] else "irregular", str(row["attempt"]),
     ]  # fmt: skip
 
 
-def _with_error(value: float, error: float, unit: str) -> str:
-    digits = max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 2
+def _with_error(row: Record, name: str, scale: float, unit: str) -> str:
+    value, error = scale * row[name], scale * row[f"{name}_std"]
+    digits = max(0, 1 - math.floor(math.log10(error))) if 0.0 < error < math.inf else 2
     return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".replace("-", "−")
 
 
-def _efficiency(one: Compared, found: Sequence[Compared], name: str) -> tuple[float, float]:
-    """Return 1 - amplitude / that with the damper closed, and its standard deviation [-].
-
-    The closed damper's is measured where there is such a point of the same grain and excitation, else simulated.
-    """
-    point, record = one.point, one.record
-    closed = [other.record for other in found if other.point.ceiling == "closed"
-              and (other.point.amplitude, other.point.frequency, other.point.grain_mass)
-              == (point.amplitude, point.frequency, point.grain_mass)]  # fmt: skip
-    reference, error = record["closed_amplitude"], 0.0
-    if closed and name == "beam_amplitude":
-        reference, error = (sum(one[key] for one in closed) / len(closed) for key in (name, f"{name}_std"))
-    ratio = record[name] / reference
-    return 1.0 - ratio, math.hypot(record[f"{name}_std"], ratio * error) / reference
-
-
-def _figures(found: Sequence[Compared]) -> Iterator[tuple[str, Figure]]:
-    """Yield the charts whose quantity was varied."""
+def _figures(rows: Sequence[Record]) -> Iterator[tuple[str, Figure]]:
+    """Yield the charts whose quantity was varied: over the frequency the beam itself, else the efficiency."""
     for key, axis, scale, title in _AXES:
-        shown = [one for one in found if key == "ratio" or one.point.ceiling not in ("closed", "none")]
-        if key == "ceiling":
-            shown = [one for one in shown if not one.point.is_method]
-        value = "height" if key == "ceiling" else None
-        places = [one.record["height"] if value else getattr(one.point, key) for one in shown]
-        if len({round(place, 9) for place in places}) < 2:
-            continue
-        curves = list(_curves(found, shown, key, scale))
-        yield key, points(title, "mm" if key == "ratio" else "%", axis, curves)
+        shown = [row for row in rows if key == "wanted_ratio" or (
+            row["wanted_ceiling"] not in ("closed", "none")
+            and (key != "height" or isinstance(row["wanted_ceiling"], float)))]  # fmt: skip
+        unit, factor, columns = ("mm", 1e3, ("beam_amplitude", "simulated_amplitude"))
+        if key != "wanted_ratio":
+            unit, factor, columns = ("%", 100.0, ("efficiency", "simulated_efficiency"))
+        curves: list[Marked] = []
+        alike = partial(_alike, key)
+        for name, group in groupby(sorted(shown, key=alike), key=alike):
+            line = sorted(group, key=lambda row: row[key])
+            x, pages = [scale * row[key] for row in line], [_address(row) for row in line]
+            colour = _COLOURS[len(curves) // 2 % len(_COLOURS)]
+            for column in columns if len(set(x)) > 1 else ():
+                y, bars = ([factor * row[column + end] for row in line] for end in ("", "_std"))
+                text = f"{name}, simulated" if column == columns[1] else name
+                curves.append(Marked(text, x, y, bars, colour, column == columns[0], pages))
+        if curves:
+            yield key, points(title, unit, axis, curves)
 
 
-def _curves(found: Sequence[Compared], shown: Sequence[Compared], key: str, scale: float) -> Iterator[Marked]:
-    def others(one: Compared) -> tuple[str, ...]:
-        named = {"amplitude": f"{one.point.amplitude:g}", "ratio": f"{one.point.ratio:.4g} f₀",
-                 "ceiling": f"{one.point.ceiling:g} m" if isinstance(one.point.ceiling, float) else one.point.ceiling,
-                 "grain_mass": f"{1e3 * one.point.grain_mass:.4g} g"}  # fmt: skip
-        return tuple(text for name, text in named.items() if name != key)
-
-    for number, (name, group) in enumerate(groupby(sorted(shown, key=others), key=others)):
-        line = sorted(group, key=lambda one: _place(one, key))
-        if len({_place(one, key) for one in line}) < 2:
-            continue
-        colour = _COLOURS[number % len(_COLOURS)]
-        for kind, column in (("measured", "beam_amplitude"), ("simulated", "simulated_amplitude")):
-            values = [(1e3 * one.record[column], 1e3 * one.record[f"{column}_std"]) if key == "ratio"
-                      else tuple(100.0 * part for part in _efficiency(one, found, column)) for one in line]  # fmt: skip
-            yield Marked(
-                f"{', '.join(name)}{'' if kind == 'measured' else ', simulated'}",
-                [scale * _place(one, key) for one in line], [value for value, _ in values], [bar for _, bar in values],
-                colour, kind == "measured", [_address(one.point) for one in line],
-            )  # fmt: skip
-
-
-def _place(one: Compared, key: str) -> float:
-    return float(one.record["height"] if key == "ceiling" else getattr(one.point, key))
+def _alike(key: str, row: Record) -> str:
+    """Return what points of one curve over `key` have in common, in words."""
+    ceiling = row["wanted_ceiling"]
+    named = {
+        "wanted_amplitude": f"{row['wanted_amplitude']:g}", "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
+        "height": f"{ceiling:g} m" if isinstance(ceiling, float) else ceiling,
+        "wanted_grain_mass": f"{1e3 * row['wanted_grain_mass']:.4g} g",
+    }  # fmt: skip
+    return ", ".join(text for name, text in named.items() if name != key)

@@ -7,7 +7,6 @@ import math
 import random
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +23,8 @@ from atpid_sim.scene.yaml12 import read_yaml
 _LARGEST, _MOST = 1_000_000, 100_000
 #: The smallest grain a scene can have stands for none: it moves the structure by a millionth.
 _NO_GRAIN = 1e-6
+#: The excitation of a simulated point grows for so long [s]; then its ceiling opens.
+_RAMP = 0.5
 
 
 class CampaignError(InputError):
@@ -164,6 +165,20 @@ class Point:
         return given.with_(mass_fraction=self.mass_fraction, excitation=excitation, **changes)
 
 
+def from_rest(scene: Scene, amplitude: float, frequency: float, height: float | None, **changes: Any) -> Scene:
+    """Return the scene whose excitation [m or N, Hz] grows from rest; then its ceiling opens to `height` [m].
+
+    height: None: the ceiling is as in `changes`.
+    """
+    if height is not None:
+        closed = float(scene.ceiling.heights[0][1])
+        end = _RAMP + abs(height - closed) / scene.ceiling.speed
+        opening = {"closed": closed, "open": height, "start": _RAMP, "end": end}
+        changes["ceiling"] = opening if end > _RAMP else {"height": height}
+    excitation = {"amplitude": [[0.0, 0.0], [_RAMP, amplitude]], "frequency": frequency}
+    return scene.with_(excitation=excitation, **changes)
+
+
 def read_campaign(path: Path) -> tuple[Campaign, Scene]:
     """Return the campaign in a YAML file and its scene. Raises CampaignError and SceneError in one line."""
     try:
@@ -197,21 +212,17 @@ def points_of(campaign: Campaign, scene: Scene) -> list[Point]:
     """Return all points in the order in which they are measured; each keeps its number in any order."""
     axes = campaign.axes
     # without a grain there are no masses of it
-    places = [place for place in product(*(range(len(axis)) for axis in axes))
+    places = [place for place in _serpentine([len(axis) for axis in axes])
               if axes[2][place[2]] != "none" or place[0] == 0]  # fmt: skip
-    numbers = {place: number for number, place in enumerate(places, 1)}
-    points = {place: _point(campaign, scene, numbers[place], *_at(axes, place)) for place in places}
-    if campaign.order == "settling":
-        ordered = [place for place in _serpentine([len(axis) for axis in axes]) if place in points]
-    else:
-        ordered = random.Random(campaign.seed).sample(places, len(places))
-    masses = list(dict.fromkeys(points[place].grain_mass for place in ordered))
-    # a person changes a grain once
-    return sorted((points[place] for place in ordered), key=lambda point: masses.index(point.grain_mass))
-
-
-def _at(axes: tuple[tuple[Any, ...], ...], place: tuple[int, ...]) -> Iterator[Any]:
-    return (axis[index] for axis, index in zip(axes, place, strict=True))
+    numbers = {place: number for number, place in enumerate(sorted(places), 1)}
+    if campaign.order == "random":
+        places = random.Random(campaign.seed).sample(sorted(places), len(places))
+    points = [
+        _point(campaign, scene, numbers[place], *(axis[index] for axis, index in zip(axes, place, strict=True)))
+        for place in places
+    ]
+    masses = list(dict.fromkeys(point.grain_mass for point in points))
+    return sorted(points, key=lambda point: masses.index(point.grain_mass))  # a person changes a grain once
 
 
 def _serpentine(sizes: list[int]) -> Iterator[tuple[int, ...]]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, Point
+from atpid_control.campaign.plan import Campaign, Point, from_rest
 from atpid_control.runs.run import open_run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import steady_state
@@ -26,13 +26,11 @@ _PERIODS = 2
 IRREGULAR = 0.02
 #: Length of a simulated point, and how much of its end is used [s]; samples a period.
 _LONG, _USED, _SAMPLES = 60.0, 40.0, 400.0
-#: The excitation of a simulated point grows for so long [s]; then the ceiling opens, as on the stand.
-_RAMP = 0.5
+#: Of a simulated point: time before it counts, time that counts [s], and of that at least so many measurements; samples
+#: a period.
+_TRANSIENT, _USED, _FEWEST, _SAMPLES = 20.0, 40.0, 4, 400.0
 #: The fourth difference of white noise over its standard deviation, and of that over the median of its size.
 _FOURTH, _MEDIAN = math.sqrt(70.0), 1.4826
-#: What a point is simulated with.
-GIVEN = ("excitation_amplitude", "excitation_frequency", "height", "excitation_amplitude_std",
-         "excitation_frequency_std")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,43 +67,40 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
         judge.bad = f"{lost} of {expected} samples lost or saturated in the bag"
         return {}
     found = amplitude_of(inside, beam.rate, point.frequency)
-    amplitude, frequency = (
-        (float(np.mean([getattr(one, name) for one in judge.estimates])),
-         math.hypot(float(np.mean([getattr(one, f"{name}_std") for one in judge.estimates])),
-                    float(np.std([getattr(one, name) for one in judge.estimates]))))
-        for name in ("amplitude", "frequency")
-    )  # fmt: skip
+    identified: dict[str, float] = {}
+    for name in ("amplitude", "frequency"):
+        values, stds = (np.array([getattr(one, key) for one in judge.estimates]) for key in (name, f"{name}_std"))
+        identified[f"excitation_{name}"] = float(values.mean())
+        identified[f"excitation_{name}_std"] = math.hypot(stds.mean(), values.std())
     return {
-        "excitation_amplitude": amplitude[0], "excitation_amplitude_std": amplitude[1],
-        "excitation_frequency": frequency[0], "excitation_frequency_std": frequency[1],
-        "height": float(np.median(judge.heights)), "beam_amplitude": found.value, "beam_amplitude_std": found.std,
-        "scatter": found.scatter, "regular": found.scatter < IRREGULAR, "begin": begin, "end": end,
-        "samples": int(inside.size), "settled_after": judge.settled_after, "missing": run.missing,
+        **identified, "height": float(np.median(judge.heights)), "beam_amplitude": found.value,
+        "beam_amplitude_std": found.std, "scatter": found.scatter, "regular": found.scatter < IRREGULAR,
+        "begin": begin, "end": end, "samples": int(inside.size), "settled_after": judge.settled_after,
+        "missing": run.missing,
     }  # fmt: skip
 
 
-def simulated(campaign: Campaign, scene: Scene, point: Point, record: Mapping[str, Any]) -> dict[str, float]:
+def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> dict[str, float]:
     """Return amplitudes [m] of the beam by simulation at the excitation and height that were measured, with error bars.
 
     The bar has what the motion's irregularity leaves to chance within a measurement, and what the errors of
     excitation and height come to; that of the closed damper beside it has none.
     """
-    own = point.scene(scene)
-    *values, amplitude_std, frequency_std = (record[name] for name in GIVEN)
-    given, errors = list(values), [amplitude_std, frequency_std, campaign.height_std]
+    own = scene.with_(mass_fraction=record["wanted_mass_fraction"])
+    names = ("excitation_amplitude", "excitation_frequency", "height")
+    given, lowest = [record[name] for name in names], 2.0 * own.grain.radius
     found, chance = steady_amplitude(own, given, campaign.rules.measure_periods)
     parts = [chance]
-    lowest = 2.0 * own.grain.radius
+    errors = *(record[f"{name}_std"] for name in names[:2]), campaign.height_std
     for place, error in enumerate(errors):
         beside = list(given)
         beside[place] += error
         if error > 0.0 and not (place == 2 and given[2] <= lowest + 2.0 * error):  # a closed ceiling holds the grain
             parts.append(abs(steady_amplitude(own, beside, campaign.rules.measure_periods)[0] - found))
-    amplitude, frequency, _ = values
     return {
         "simulated_amplitude": found, "simulated_amplitude_std": math.hypot(*parts),
-        "closed_amplitude": own.linear_amplitude(amplitude, frequency, grain=True),
-        "bare_amplitude": own.linear_amplitude(amplitude, frequency, grain=False),
+        "closed_amplitude": own.linear_amplitude(*given[:2], grain=True),
+        "bare_amplitude": own.linear_amplitude(*given[:2], grain=False),
     }  # fmt: skip
 
 
@@ -119,17 +114,16 @@ def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tupl
     closed, lowest = float(scene.ceiling.heights[0][1]), 2.0 * scene.grain.radius
     if height <= max(closed, lowest) + 1e-4:
         return scene.linear_amplitude(amplitude, frequency, grain=True), 0.0
-    travel = (height - closed) / scene.ceiling.speed
-    opening = {"closed": closed, "open": height, "start": _RAMP, "end": _RAMP + travel}
-    excitation = {"amplitude": [[0.0, 0.0], [_RAMP, amplitude]], "frequency": frequency}
-    changes: dict[str, Any] = {"duration": _LONG, "steady_window": [_LONG - _USED, _LONG]}
-    own = scene.with_(ceiling=opening, excitation=excitation, **changes)
+    used = max(_USED, _FEWEST * periods / frequency)
+    begin = _TRANSIENT + (height - closed) / scene.ceiling.speed
+    window = {"duration": begin + used, "steady_window": [begin, begin + used]}
+    own = from_rest(scene, amplitude, frequency, height, **window)
     try:
         search = steady_state(own)
         if search.state is not None and search.state.periods <= _PERIODS:
             return search.state.amplitude, search.state.amplitude * search.state.error_estimate
         rate = _SAMPLES * frequency
-        beam = trajectory(own, rate).beam[round((_LONG - _USED) * rate) :]
+        beam = trajectory(own, rate).beam[round(begin * rate) :]
     except NumericalFailure:
         return math.nan, math.nan
     length = round(periods * _SAMPLES)

@@ -2,15 +2,17 @@
 """The role of a stand in a campaign, and the simulated one: a bench in lockstep for each point."""
 
 import os
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from atpid_common.vocabulary import Mode
 from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, Point
+from atpid_control.campaign.plan import Campaign, Point, from_rest
 from atpid_control.identification import Estimate
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
@@ -19,31 +21,31 @@ from atpid_control.stand.parts import parameters_for
 from atpid_control.stand.running import run_lockstep
 from atpid_sim.scene import Scene
 
-#: The excitation of a simulated point grows for so long [s]; then its ceiling opens.
-RAMP = 0.5
+#: Between two looks whether a rest is over [s].
+_LOOK = 0.1
 
 
-class Stand(Protocol):
-    """What a campaign asks of a stand."""
+class Stand(ABC):
+    """What a campaign asks of a stand; as it is here, of one that needs no rest, has no faults and nothing to end."""
 
+    @abstractmethod
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
         """Set a point and show the judge each answered block until it is over; the bag is `folder`/bag.
 
         Raises BenchError or NodeDiedError where the stand cannot go on.
         """
-        ...
 
     def rest(self, until: Callable[[], bool]) -> None:
         """Wait without excitation until that is true."""
-        ...
+        while not until():
+            time.sleep(_LOOK)
 
     def fault(self) -> str:
         """Return what keeps the stand from being measured, latched until a person has seen to it; empty: nothing."""
-        ...
+        return ""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027  # most have something to end
         """End everything in order."""
-        ...
 
 
 @dataclass
@@ -54,7 +56,7 @@ class Feed:
     recording: bool = True
     height: float = float("nan")  # of the ceiling, reported last [m]
     mode: int = Mode.UNCONFIGURED
-    target: float = float("nan")
+    last: float = field(default_factory=time.monotonic)  # when the last estimate came, by the steady clock [s]
 
     def __call__(self, message: Any) -> None:
         """Take a message of the topics excitation, ceiling/state and events; others are left out."""
@@ -68,6 +70,7 @@ class Feed:
             if message.mode == Mode.FAULT and not self.judge.over:
                 self.judge.bad = f"the motor's fault: {message.fault}"
         elif kind == "Excitation":
+            self.last = time.monotonic()
             self.judge.push(estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
 
 
@@ -85,11 +88,11 @@ class _OverError(Exception):
     """The judge needs nothing more."""
 
 
-class SimulatedStand:
+class SimulatedStand(Stand):
     """A bench in lockstep for each point, from rest: a point depends on no other."""
 
     def __init__(self, campaign: Campaign, scene: Scene) -> None:
-        """Prepare the methods' maps. Raises MapError."""
+        """Take the campaign; nothing is started yet."""
         self._campaign, self._scene = campaign, scene
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
@@ -114,31 +117,11 @@ class SimulatedStand:
         if not judge.over:
             judge.bad = f"the run ended before the point was measured: {judge.missing}"
 
-    def rest(self, until: Callable[[], bool]) -> None:
-        """See `Stand.rest`."""
-        from time import sleep
-
-        while not until():
-            sleep(0.1)
-
-    def fault(self) -> str:
-        """See `Stand.fault`."""
-        return ""
-
-    def close(self) -> None:
-        """See `Stand.close`."""
-
 
 def point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
     """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
     changes: dict[str, Any] = {"duration": duration, "steady_window": [0.5 * duration, duration]}
-    height = point.height(scene)
-    if height is None:
+    if point.is_method:
         changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
-    else:
-        closed = float(scene.ceiling.heights[0][1])
-        end = RAMP + abs(height - closed) / scene.ceiling.speed
-        opening = {"closed": closed, "open": height, "start": RAMP, "end": end}
-        changes["ceiling"] = opening if end > RAMP else {"height": height}
-    made = point.scene(scene, seed=1000 * seed + scene.seed + point.number, **changes)
-    return made.with_(excitation={"amplitude": [[0.0, 0.0], [RAMP, point.amplitude]], "frequency": point.frequency})
+    changes |= {"seed": 1000 * seed + scene.seed + point.number, "mass_fraction": point.mass_fraction}
+    return from_rest(scene, point.amplitude, point.frequency, point.height(scene), **changes)

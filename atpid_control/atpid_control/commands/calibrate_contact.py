@@ -13,14 +13,12 @@ from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, word
 from atpid_control.analysis.contact.drop import DURATION, IMPACT, ContactFit, fit_drop, impacts_of, read_impacts
 from atpid_control.analysis.contact.estimate import ContactError, ContactEstimate
-from atpid_control.analysis.contact.flights import flights_of
-from atpid_control.analysis.contact.in_run import clearance, fit_run
+from atpid_control.analysis.contact.in_run import fit_part
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.parts import bag_of
 from atpid_control.runs.run import BEAM, Run, open_run
 from atpid_control.runs.signal import Signal
-from atpid_sim.kernel_inputs import system_of
 
 #: Arguments of the example in the help.
 EXAMPLE = "drop.csv --mass 0.0202 --radius 0.0085 --out contact.yaml"
@@ -72,19 +70,10 @@ def _fitted(path: Path, args: argparse.Namespace) -> ContactFit:
         return fit_drop(read_impacts(path), args.gravity, args.mass, args.radius)
     recorded = open_run(path)
     if args.channel is None and recorded.scene is not None and BEAM in _channels(recorded):
-        return _of_run(recorded, args)
+        signals, missing = signals_of(recorded)
+        print_missing(missing, sys.stderr)
+        return fit_part(recorded, signals.between(args.begin, args.end), args.height_std)
     return fit_drop(impacts_of(_pulses(recorded, args.channel)), args.gravity, args.mass, args.radius)
-
-
-def _of_run(recorded: Run, args: argparse.Namespace) -> ContactFit:
-    """Return what a run of the damper determines, by the scene in its bag."""
-    scene = recorded.scene
-    assert scene is not None
-    signals, missing = signals_of(recorded)
-    print_missing(missing, sys.stderr)
-    system = system_of(scene)
-    flights = flights_of(signals.between(args.begin, args.end), system)
-    return fit_run(flights, clearance(recorded, flights, scene, args.height_std), system, args.height_std)
 
 
 def _is_table(path: Path) -> bool:

@@ -7,6 +7,7 @@ import math
 import os
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -18,13 +19,18 @@ from rich.table import Table
 from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Command
+from atpid_common.waiting import to_stderr
 from atpid_control.campaign.folder import CampaignFolder
+from atpid_control.campaign.model import model_of, written
+from atpid_control.campaign.page import AGREE, agreeing, compared, write_page
 from atpid_control.campaign.plan import Campaign, Point, campaign_in, points_of, read_campaign
-from atpid_control.campaign.run import Done, Pause, run_campaign, summary
+from atpid_control.campaign.run import Done, pause_by_signal, run_campaign, summary
 from atpid_control.campaign.stands import SimulatedStand, Stand
+from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.processes import stoppable
 from atpid_sim.display import counting, working
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.simulate import finite
 
 #: Arguments of the example in the help.
 EXAMPLE = "campaign.yaml --out out/campaign"
@@ -43,41 +49,34 @@ def run(args: argparse.Namespace) -> int:
     campaign, scene = read_campaign(args.campaign)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
-    folder, pause = CampaignFolder(args.out.resolve()), Pause()
+    folder = CampaignFolder(args.out.resolve())
     plan = {"campaign": campaign.model_dump(mode="json", exclude={"scene"}), "scene": scene.to_mapping()}
-    points = len(points_of(campaign, scene))
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("points"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-    )
-    print(
-        f"pause after a point, or go on: kill -USR1 {os.getpid()}; Ctrl-C ends, the same command goes on",
-        file=sys.stderr,
-    )
-    with folder.open(plan), stoppable(), pause.by_signal():
+    console, left = Console(stderr=True), TextColumn("{task.fields[left]}")
+    columns = (TextColumn("points"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left)
+    to_stderr(f"pause after a point, or go on: kill -USR1 {os.getpid()}; Ctrl-C ends, the same command goes on")
+    with folder.open(plan), stoppable(), pause_by_signal() as paused:
         with Bar(*columns, console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("points", total=points, left="")
+            task = bar.add_task("points", total=len(points_of(campaign, scene)), left="")
 
             def progress(done: int, left: float) -> None:
                 bar.update(task, completed=done, left="" if math.isnan(left) else f"{_clock(left)} left")
 
             try:
-                done = run_campaign(
-                    campaign, scene, folder, lambda point: _open(campaign, scene, point, folder.path), progress, pause
-                )
+                opened = partial(_open, campaign, scene, folder.path)
+                done = run_campaign(campaign, scene, folder, opened, progress, paused)
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(
-                    f"stopped: {_line(summary(campaign, scene, folder))}; the same command goes on"
-                ) from None
-        _conclude(campaign, scene, folder, done)
+                reached = _line(summary(campaign, scene, folder))
+                raise KeyboardInterrupt(f"stopped: {reached}; the same command goes on") from None
+        print(_line(done))
+        for text in done.skipped:
+            print(f"skipped: {text}")
+        with counting("simulating every point beside", done.measured) as count:
+            page = write_page(campaign, scene, folder, count)
+        print(f"{page}; a model of this stand: atpid calibrate campaign {folder.path} --out DIR")
     return 0
 
 
-def _open(campaign: Campaign, scene: Scene, point: Point, folder: Path) -> Stand:
+def _open(campaign: Campaign, scene: Scene, folder: Path, point: Point) -> Stand:
     if campaign.stand == "simulated":
         return SimulatedStand(campaign, scene)
     from atpid_control.campaign.graph import GraphStand
@@ -97,17 +96,6 @@ def _line(done: Done) -> str:
     )
 
 
-def _conclude(campaign: Campaign, scene: Scene, folder: CampaignFolder, done: Done) -> None:
-    from atpid_control.campaign.page import write_page
-
-    print(_line(done))
-    for text in done.skipped:
-        print(f"skipped: {text}")
-    with counting("simulating every point beside", done.measured) as count:
-        page = write_page(campaign, scene, folder, progress=count)
-    print(f"{page}; a model of this stand: atpid calibrate campaign {folder.path} --out DIR")
-
-
 def _model_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=file_path, metavar="FOLDER", help="of a campaign, with points of the damper closed")
@@ -119,10 +107,6 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _model(args: argparse.Namespace) -> int:
     """Find the model, compare it with every point, print both; return 0. Raises AtpidError."""
-    from atpid_control.campaign.model import model_of, written
-    from atpid_control.campaign.page import AGREE, compared
-    from atpid_control.selection.map_cache import map_for
-
     folder, out = CampaignFolder(args.folder.resolve()), output.folder(args.out)
     campaign, scene = campaign_in(folder.plan(), folder.path)
     with working("reading the points"):
@@ -134,29 +118,32 @@ def _model(args: argparse.Namespace) -> int:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="simulation against measurement", title_justify="left")
     for name in ("point", "measured [mm]", "scene given [mm]", "apart [σ]", "model found [mm]", "apart [σ]"):
         table.add_column(name, justify="left" if name == "point" else "right")
-    with counting("simulating every point with both", 2 * len(folder.records())) as count:
-        pairs = list(
-            zip(compared(campaign, scene, folder, progress=count), compared(campaign, found, folder), strict=True)
-        )
-    for given, own in pairs:
-        cells = (given.record["beam_amplitude"], given.record["simulated_amplitude"], own.record["simulated_amplitude"])
-        shown = [f"{1e3 * value:.4g}" for value in cells]
-        table.add_row(given.point.text, *shown[:2], f"{given.apart:+.1f}", shown[2], f"{own.apart:+.1f}")
+    with counting("simulating every point", len(folder.records())) as count:
+        given = compared(campaign, scene, folder, count)
+    with counting("and with the model found", len(given)) as count:
+        own = compared(campaign, found, folder, count)
+    for before, after in zip(given, own, strict=True):
+        table.add_row(
+            before["point"], f"{1e3 * before['beam_amplitude']:.4g}",
+            *(text for row in (before, after)
+              for text in (f"{1e3 * row['simulated_amplitude']:.4g}", f"{row['apart']:+.1f}")),
+        )  # fmt: skip
     Console(width=110, highlight=False).print(table)
-    agree = [sum(abs(one.apart) <= AGREE for one in column) for column in zip(*pairs, strict=True)]
-    print(
-        f"within {AGREE:g} standard deviations: {agree[0]} of {len(pairs)} by the scene given, {agree[1]} by the model"
-    )
+    agree = f"{agreeing(given)} of {len(given)} by the scene given, {agreeing(own)} by the model"
+    print(f"within {AGREE:g} standard deviations: {agree}")
     with output.writing(out):
-        rows = [own.record | {"apart": own.apart} for _, own in pairs]
-        (out / "agreement.json").write_text(json.dumps({"uncertainty": model.uncertainty, "points": rows}, indent=1))
+        kept = finite({"uncertainty": model.uncertainty, "points": own})
+        (out / "agreement.json").write_text(json.dumps(kept, indent=1))
     uncertainty = ",".join(f"{name}={max(value, 1e-4):.2g}" for name, value in model.uncertainty.items())
     print(f"design: atpid design --structure {path} --uncertainty {uncertainty} ...")
     print(f"margin: stiffness_uncertainty of selector_node, {model.uncertainty['frequency'] * 2.0:.2g}")
     if args.map:
-        made = map_for(found.with_(ceiling=found.to_mapping()["ceiling"] | {"controller": "lookup"}))
+        ceiling = found.to_mapping()["ceiling"] | {"controller": "lookup"}
+        ceiling.pop("map", None)  # of the scene given
+        made = map_for(found.with_(ceiling=ceiling))
         assert made is not None
-        shutil.copy(made, out / "map.npz")
+        with output.writing(out):
+            shutil.copy(made, out / "map.npz")
         print(f"map: {out / 'map.npz'}")
     return 0
 

@@ -19,9 +19,11 @@ from scipy.linalg import solve_triangular
 
 from atpid_control.analysis.contact.drop import ContactFit, with_modulus
 from atpid_control.analysis.contact.estimate import ContactError, mixture
-from atpid_control.analysis.contact.flights import Flights, Indices
+from atpid_control.analysis.contact.flights import Flights, Indices, flights_of
 from atpid_control.analysis.contact.pulse import pressed, pulse
+from atpid_control.analysis.signals import Signals
 from atpid_control.runs.run import Run
+from atpid_sim.kernel_inputs import system_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array, System
 
@@ -149,6 +151,15 @@ class _Model(NamedTuple):
         """Return the model of some of the flights."""
         return self._replace(ends=self.ends[..., kept], errors=self.errors[..., kept],
                              clearance=self.clearance[kept], number=self.number[kept])  # fmt: skip
+
+
+def fit_part(run: Run, signals: Signals, height_std: float) -> ContactFit:
+    """Return what a part of a run's signals determines, by the scene in its bag. Raises ContactError."""
+    if run.scene is None:
+        raise ContactError(f"{run.path}: its scene is needed: {run.scene_problem}")
+    system = system_of(run.scene)
+    flights = flights_of(signals, system)
+    return fit_run(flights, clearance(run, flights, run.scene, height_std), system, height_std)
 
 
 def clearance(run: Run, flights: Flights, scene: Scene, height_std: float) -> Array:

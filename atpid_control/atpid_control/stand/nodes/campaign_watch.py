@@ -7,8 +7,9 @@ The ceiling has one commander, the selector: a height goes to its parameter `man
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from atpid_interfaces.msg import (
@@ -22,9 +23,8 @@ from atpid_interfaces.msg import (
 )
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.srv import SetParameters
-from rclpy.client import Client
 from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
@@ -43,32 +43,32 @@ _LOOK = 0.05
 
 
 class CampaignWatch(BenchWatch):
-    """Publishes the excitation's command on its own period; what is received waits in `received`."""
+    """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
     def __init__(self, **node_options: Any) -> None:
         """Subscribe and publish; nothing is commanded yet."""
         super().__init__(to_stderr, **node_options)
         self.received: deque[Any] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
-        self.blocks = 0
-        self.plant = False  # whether a simulated one waits for its loop
-        self._wanted = ExcitationCommand(kind=ExcitationCommand.OFF)
+        self.plant: PlantTruth | None = None  # a simulated one that has published waits for its loop
+        self._asked = ExcitationCommand(kind=ExcitationCommand.OFF)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", STATES)
-        for kind, topic, profile in (
-            (Event, "events", EVENTS), (Excitation, "excitation", STATES), (CeilingState, "ceiling/state", STATES),
-            (ExcitationState, "excitation/state", STATES), (RecorderStatus, "recorder/status", STATUS),
+        for kind, topic, name, profile in (
+            (Event, "events", "", EVENTS), (Excitation, "excitation", "", STATES),
+            (CeilingState, "ceiling/state", "ceiling", STATES), (PlantTruth, "plant/truth", "plant", STATES),
+            (ExcitationState, "excitation/state", "exciter", STATES),
+            (RecorderStatus, "recorder/status", "recorder", STATUS),
         ):  # fmt: skip
-            subscribe(self, kind, topic, self._on_message, profile)
-        subscribe(self, PlantTruth, "plant/truth", self._on_plant, STATES)
-        self._set_parameters = self.create_client(SetParameters, "selector_node/set_parameters")
+            subscribe(self, kind, topic, partial(self._take, name), profile)
+        self._selector = AsyncParameterClient(self, "selector_node")
         self._timer = self.create_timer(_PERIOD, self._command, clock=STEADY)
 
     def excite(self, amplitude: float, frequency: float) -> None:
         """Command a tone of `amplitude` [m, N] at `frequency` [Hz], held on what is identified; 0: off."""
         kind = ExcitationCommand.SINE if amplitude else ExcitationCommand.OFF
         nan = float("nan")
-        self._wanted = ExcitationCommand(
-            sequence=self._wanted.sequence + 1, kind=kind, hold=bool(amplitude), amplitude=amplitude,
+        self._asked = ExcitationCommand(
+            sequence=self._asked.sequence + 1, kind=kind, hold=bool(amplitude), amplitude=amplitude,
             frequency=frequency, end_frequency=nan, duration=nan,
         )  # fmt: skip
         self._command()
@@ -76,8 +76,10 @@ class CampaignWatch(BenchWatch):
     def select(self, method: str, height: float) -> None:
         """Let the selector send the ceiling to `height` [m], or for 0 where `method` has it. Raises BenchError."""
         values = {"manual_height": height} | ({"method": method} if method else {})
-        made = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        answer = self._answer(self._set_parameters, SetParameters.Request(parameters=made), "selector_node")
+        made = [Parameter(name, value=value) for name, value in values.items()]
+        answer = _answered(
+            self._selector.services_are_ready, lambda: self._selector.set_parameters(made), "selector_node"
+        )
         if refused := [result.reason for result in answer.results if not result.successful]:
             raise BenchError(f"the selector refuses {values}: {refused[0]}")
 
@@ -86,38 +88,31 @@ class CampaignWatch(BenchWatch):
         client = self.create_client(ChangeState, f"{name}/change_state")
         for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
             request = ChangeState.Request(transition=Transition(id=transition))
-            if not self._answer(client, request, name).success:
+            if not _answered(client.service_is_ready, partial(client.call_async, request), name).success:
                 raise BenchError(f"{name} cannot be started: see its log")
 
-    def _answer(self, client: Client, request: Any, name: str) -> Any:
-        """Return the answer of a service. Raises BenchError: there is none."""
-        answer: Future | None = None
-        deadline = time.monotonic() + _ANSWER
-        while answer is None or not answer.done():
-            if answer is None and client.service_is_ready():
-                answer = client.call_async(request)
-            if time.monotonic() > deadline:
-                raise BenchError(f"{name} has not answered within {_ANSWER:g} s")
-            time.sleep(_LOOK)
-        return answer.result()
-
-    def _on_plant(self, _message: PlantTruth) -> None:
-        self.plant = True
+    def _take(self, name: str, message: Any) -> None:
+        if name:
+            setattr(self, name, message)
+        if isinstance(message, Event | Excitation | CeilingState):
+            self.received.append(message)
 
     def _command(self) -> None:
-        self._wanted.header.stamp = self.get_clock().now().to_msg()
-        self._commands.publish(self._wanted)
+        self._asked.header.stamp = self.get_clock().now().to_msg()
+        self._commands.publish(self._asked)
 
-    def _on_message(self, message: Any) -> None:
-        if isinstance(message, CeilingState):
-            self.ceiling = message
-        elif isinstance(message, RecorderStatus):
-            self.recorder = message
-        elif isinstance(message, ExcitationState):
-            self.exciter = message
-        elif isinstance(message, Excitation):
-            self.blocks += not message.handshake
-        self.received.append(message)
+
+def _answered(ready: Callable[[], bool], call: Callable[[], Future], name: str) -> Any:
+    """Return the answer of a service, called once it is there. Raises BenchError: there is none."""
+    answer: Future | None = None
+    deadline = time.monotonic() + _ANSWER
+    while answer is None or not answer.done():
+        if answer is None and ready():
+            answer = call()
+        if time.monotonic() > deadline:
+            raise BenchError(f"{name} has not answered within {_ANSWER:g} s")
+        time.sleep(_LOOK)
+    return answer.result()
 
 
 @contextmanager
