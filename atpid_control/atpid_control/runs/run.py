@@ -26,7 +26,7 @@ from atpid_control.runs.csv_table import read_table
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import SCENE
 from atpid_control.runs.read import within_memory
-from atpid_control.runs.signal import Signal, StreamClock, clock_of, joined
+from atpid_control.runs.signal import RecordedMotion, Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
 from atpid_control.runs.tree import frames_of, tree_of
@@ -44,19 +44,6 @@ _TRUE = {BEAM: "beam"} | {drive.channel: "support" for drive in DRIVES.values()}
 _ASIDE = 60.0
 #: Memory of one text in a column besides a number's [bytes].
 _TEXT = 80
-
-
-@dataclass(frozen=True, repr=False)
-class RecordedMotion(Shown):
-    """Displacements sampled together."""
-
-    origin: str
-    rate: float  # [Hz]
-    time: Array  # (n,) after the run's first sample [s]
-    support: Array  # (n,) [m], of a force that drives instead [N]; NaN where not measured, or lost
-    beam: Array  # (n,) [m]
-    grain: Array  # (n,) [m]; NaN where unknown
-    ceiling: Array  # (n,) height [m]; NaN where unknown
 
 
 @dataclass(frozen=True, repr=False)

@@ -113,6 +113,19 @@ class Signal(Shown):
         return self.time0 + np.arange(len(self.values)) / self.rate
 
 
+@dataclass(frozen=True, repr=False)
+class RecordedMotion(Shown):
+    """Displacements sampled together."""
+
+    origin: str
+    rate: float  # [Hz]
+    time: Array  # (n,) after the run's first sample [s]
+    support: Array  # (n,) [m], of a force that drives instead [N]; NaN where not measured, or lost
+    beam: Array  # (n,) [m]
+    grain: Array  # (n,) [m]; NaN where unknown
+    ceiling: Array  # (n,) height [m]; NaN where unknown
+
+
 def joined(signals: Sequence[Signal]) -> tuple[Signal, ...]:
     """Return channels of several streams at the instants of the slowest one; skews are taken off.
 

@@ -59,8 +59,7 @@ class Dialogue:
     def __init__(self, settings: MotorSettings) -> None:
         self._settings = settings
         self._session = MotorSession()
-        self._opened = self._next = self._poll_at = 0.0
-        self._round_trip = 0.0
+        self._opened = self._next = self._poll_at = self._round_trip = 0.0
         self._clock, self._least_trip = DeviceClock(), inf  # of the board; its readings lie within a round trip [s]
         self._late_until = 0.0  # 0: answers come in time
         self._kept_alive = -inf
