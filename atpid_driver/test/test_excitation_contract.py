@@ -180,6 +180,31 @@ def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig, h
     real.run()  # and may be connected again
 
 
+def test_signals_of_a_terminal_do_not_end_the_output_before_its_node(real: Rig) -> None:
+    real.run()
+    assert isinstance(real.drive, GuardedDrive)
+    process = real.drive._process
+    assert process is not None
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(process.pid, number)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.3)
+    real.drive.off()
+    assert real.away == 0.0
+
+
+@pytest.mark.parametrize("backend", REAL)
+def test_no_voltage_leaves_the_range_of_the_calibration(backend: str, tmp_path: Path, libraries: Path) -> None:
+    made = Rig(backend, tmp_path)
+    file, allowed = tmp_path / "output.yaml", [0.0, 2.6] if made.rest == 0.0 else [2.2, 2.8]
+    file.write_text(file.read_text().replace("[0.0, 5.0]", str(allowed)))
+    made.drive = drive_of(made.settings, lambda: tmp_path)
+    made.run()
+    largest = max(looks(made, 400))
+    made.drive.close()
+    assert largest == pytest.approx(max(abs(value - made.rest) for value in allowed), rel=2e-3)
+
+
 def test_noise_is_put_out_and_comes_back_by_a_command_after_silence(real: Rig) -> None:
     noise = Command(ExciterKind.RANDOM, 0.002, 2.0, 8.0, seed=1, sequence=3)
     real.drive.connect()

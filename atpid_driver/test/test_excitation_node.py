@@ -189,6 +189,25 @@ def test_two_commanders_end_it(graph: Graph) -> None:
     graph.until(lambda: graph.reported("excitation/command is published by /intruder and /operator"))
 
 
+def test_beside_another_of_its_name_it_is_off_and_cannot_be_activated(graph: Graph) -> None:
+    graph.start()
+    graph.run(sine())
+    other = graph.add(Node("excitation_node", context=graph.context))
+    graph.until(lambda: any(event.kind == Event.DUPLICATE for event in graph.events), sine())
+    graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
+    assert not graph.change(Transition.TRANSITION_ACTIVATE)
+    other.destroy_node()
+    graph.run(sine())
+
+
+def test_a_command_that_waited_too_long_is_ignored(graph: Graph) -> None:
+    node = graph.start()
+    graph.run(sine())
+    node._on_command(sine(sequence=2, frequency=6.0), {"received_timestamp": time.time_ns() - 10**10})
+    graph.until(lambda: graph.reported("command ignored: it waited 10.00 s"), sine())
+    assert (graph.state.sequence, graph.state.frequency) == (1, 5.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """All mutations."""
 
+import in_excitation
 import in_firmware
 import in_link
 import in_nodes
 import in_rules
 
-MUTATIONS = (*in_firmware.MUTATIONS, *in_link.MUTATIONS, *in_rules.MUTATIONS, *in_nodes.MUTATIONS)
+ROOMS = (in_firmware, in_link, in_rules, in_nodes, in_excitation)
+MUTATIONS = tuple(mutation for room in ROOMS for mutation in room.MUTATIONS)
