@@ -163,8 +163,19 @@ def test_it_runs_only_while_the_supervisor_permits(graph: Graph) -> None:
     graph.permits = SupervisorState(state=SupervisorState.FAULT, permit=False, reason="recorder_node is silent")
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
     graph.until(lambda: graph.reported("the excitation ramps down: recorder_node is silent"))
+    seen = len(graph.states)
+    graph.until(lambda: len(graph.states) > seen + 20, sine())
+    assert {state.amplitude for state in graph.states[seen:]} == {0.0}
+    assert graph.reported("SINE not taken up: recorder_node is silent")
     graph.permits = SupervisorState(state=SupervisorState.READY, permit=True)
     graph.run(sine())  # a hold: the next command switches it on again
+    graph.permits = SupervisorState(state=SupervisorState.FAULT, permit=False, reason="recorder_node is silent")
+    graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
+    assert graph.change(Transition.TRANSITION_DEACTIVATE)
+    assert not graph.change(Transition.TRANSITION_ACTIVATE)
+    graph.permits = SupervisorState(state=SupervisorState.READY, permit=True)
+    graph.until(lambda: graph.change(Transition.TRANSITION_ACTIVATE))
+    graph.run(sine())
     graph.permits = None
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
     graph.until(lambda: graph.reported("the supervisor is silent"))
@@ -187,6 +198,7 @@ def test_two_commanders_end_it(graph: Graph) -> None:
     intruder.create_publisher(ExcitationCommand, "excitation/command", 10)
     graph.until(lambda: graph.state.mode == ExcitationState.OFF, sine())
     graph.until(lambda: graph.reported("excitation/command is published by /intruder and /operator"))
+    assert not graph.reported("no message on")  # at once, and not after their silence
 
 
 def test_beside_another_of_its_name_it_is_off_and_cannot_be_activated(graph: Graph) -> None:

@@ -22,7 +22,7 @@ MUTATIONS = (
         NODE,
         "if not self._active and command.kind is not ExciterKind.OFF:",
         "if False:",
-        "the sender is not told that nothing moves",
+        "a command that moves nothing is not refused",
         OVER_DDS + "it_is_off_in_every_state_but_active",
     ),
     _in(
@@ -30,7 +30,7 @@ MUTATIONS = (
         NODE,
         'raise NotReadyError(f"{command.kind.name} not taken up: {self._permit.reason}")',
         "pass",
-        "the shaker runs although a node that it needs hangs",
+        "a command that moves nothing is not refused",
         PERMITTED,
     ),
     _in(
