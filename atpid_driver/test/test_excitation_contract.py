@@ -155,6 +155,8 @@ def test_the_voltage_is_that_of_the_calibration_and_rests_after_off(real: Rig) -
     largest = max(looks(real, 400))
     # 5.4 Hz at 2 Hz/V; 0.01 m at 0.02 m/V
     assert largest == pytest.approx(2.7 if real.rest == 0.0 else 0.5, rel=2e-3)
+    real.drive.follow(SINE)  # it was silent for longer than it may
+    real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and real.away > 0.1)
     real.drive.off()
     assert real.away == 0.0
     real.drive.close()

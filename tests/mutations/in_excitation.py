@@ -226,12 +226,4 @@ MUTATIONS = (
         "a sensor that has come off drives the shaker to its end",
         HOLD + "what_cannot_be_reached_stays_within_the_correction_and_is_not_held",
     ),
-    _in(
-        "the ramp is taken for the amplitude",
-        ROOM + "hold.py",
-        "if self._settled < delay:",
-        "if False:",
-        "each command overshoots",
-        HOLD + "any_gain_is_removed_whatever_the_delay_is",
-    ),
 )

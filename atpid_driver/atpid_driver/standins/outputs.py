@@ -43,12 +43,12 @@ class Outputs:
         """Return the voltage of DAC`output` at a steady time [ns], by default now [V]."""
         now, header = time.monotonic_ns() if now_ns is None else now_ns, self._header
         silence = (now - int(header["contact_ns"])) * 1e-9
-        if header["watchdog"] and silence > header["watchdog_s"]:
-            if header["watchdog_resets"]:
-                return 0.0
-            if header["watchdog_sets"][output]:
-                return float(header["watchdog_volts"][output])
+        expired = header["watchdog"] and silence > header["watchdog_s"]
+        if expired and header["watchdog_resets"]:
+            return 0.0
         if header["streams"] and header["target"] == output and header["written"]:
             sample = int((now - int(header["start_ns"])) * 1e-9 * float(header["rate"]))
             return float(self._queue[max(0, min(sample, int(header["written"]) - 1)) % QUEUE])
+        if expired and header["watchdog_sets"][output]:
+            return float(header["watchdog_volts"][output])
         return float(header["volts"][output])
