@@ -104,7 +104,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 .PHONY: audit
 audit: setup ## licences of what is installed, and known vulnerabilities of what is locked (asks PyPI)
 	@$(IN_WORKSPACE) python ros2_ws/requirements/licences.py && python -m venv out/audit && \
-	out/audit/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/audit.txt && \
+	out/audit/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/audit.txt && \
 	out/audit/bin/pip-audit --disable-pip --require-hashes -r ros2_ws/requirements/wheels.txt
 
 .PHONY: policy
@@ -137,17 +137,17 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 
 .PHONY: parquet
 parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
-	@.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/parquet.txt
+	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/parquet.txt
 
 .PHONY: import
 import: setup ## install what `atpid bag import` needs for TDMS and MATLAB 7.3 (docs/reading.md)
-	@.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/import.txt
+	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/import.txt
 
 .PHONY: browser
 browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
 	apt-get update -q
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium
-	.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/browser.txt
+	.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/browser.txt
 
 .PHONY: clean
 clean: ## remove all that set-up and runs made

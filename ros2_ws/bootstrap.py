@@ -123,7 +123,9 @@ def make_environment(python: Interpreter, ros: Ros) -> None:
             shutil.rmtree(VENV)
         shared = ["--system-site-packages"] if ros.source == "sourced" else []
         run([python.path, "-m", "venv", *shared, VENV], "venv", environment)
-    install: list[str | Path] = [VENV / "bin/python", "-m", "pip", "install", "--require-hashes", "-r"]
+    # The lock is complete. With dependencies resolved again, an older pip fails on a package that needs another one with
+    # an extra as soon as that has a newer release: it takes the newest, which the lock has no hash of.
+    install: list[str | Path] = [VENV / "bin/python", "-m", "pip", "install", "--no-deps", "--require-hashes", "-r"]
     with step("installing the locked packages (a minute or two the first time)"):
         # the first is small, so a missing index is noticed soon
         run([*install, "ros2_ws/requirements/backend.txt", "--retries=1"], "pip", environment)
