@@ -55,6 +55,7 @@ class Steps:
         self.root = root
         self.done: list[str] = []
         self.killed_at = ""
+        self.fails_at = ""
 
     def __call__(
         self, command: list[str | Path], what: str, environment: dict[str, str], cwd: Path | None = None
@@ -63,10 +64,12 @@ class Steps:
         self.done.append(
             f"venv {'shared' if '--system-site-packages' in words else 'alone'}" if what == "venv" else what
         )
-        if what == "pip":
+        if what in ("pip", "uv"):
             self.done[-1] = next(word for word in words.split() if word.endswith(".txt"))
         if what == self.killed_at:
             raise KeyboardInterrupt
+        if what == self.fails_at:
+            raise machine.SetupError("it failed")
         (self.root / (".venv" if what == "venv" else "ros2_ws/install")).mkdir(parents=True, exist_ok=True)
 
 
@@ -100,6 +103,24 @@ def test_an_interrupted_set_up_is_repaired(steps: Steps, step: str) -> None:
     steps.done.clear()
     bootstrap.set_up(None)
     assert steps.done == (["colcon build"] if step == "colcon build" else FULL)
+
+
+def test_where_uv_cannot_install_pip_does(steps: Steps, capsys: pytest.CaptureFixture[str]) -> None:
+    steps.fails_at = "uv"
+    bootstrap.set_up(None)
+    assert steps.done == [*FULL[:3], FULL[2], *FULL[3:]]
+    assert "uv could not install them, pip does" in capsys.readouterr().out
+
+
+def test_uv_gets_the_index_that_pip_has(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'"
+    monkeypatch.setattr(bootstrap, "output_of", lambda command, environment: listed)
+    settings = bootstrap.uv_settings({"SSL_CERT_FILE": "/mine.crt"})
+    assert settings == {
+        "VIRTUAL_ENV": str(project / ".venv"),
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_DEFAULT_INDEX": "https://mirror/simple",
+    }
 
 
 def test_changed_messages_are_built_from_nothing(steps: Steps, project: Path) -> None:
