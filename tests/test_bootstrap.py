@@ -113,7 +113,9 @@ def test_where_uv_cannot_install_pip_does(steps: Steps, capsys: pytest.CaptureFi
 
 
 def test_uv_gets_the_index_that_pip_has(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    listed = "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'"
+    listed = (
+        "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'"
+    )
     monkeypatch.setattr(bootstrap, "output_of", lambda command, environment: listed)
     settings = bootstrap.uv_settings({"SSL_CERT_FILE": "/mine.crt"})
     assert settings == {
