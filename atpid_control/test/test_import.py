@@ -203,10 +203,11 @@ def test_what_is_torn_or_garbled_of_matlab(
 def test_what_ends_the_library_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mat_by_rate(tmp_path / "a.mat", Made(10.0, {"beam": np.arange(40.0)}))
     content = bytearray((tmp_path / "a.mat").read_bytes())
-    content[176] = 83  # the type of the numbers: scipy ends with a segmentation fault
+    content[176] = 83  # the type of the numbers: scipy ends with a segmentation fault, or divides by 0
     (tmp_path / "a.mat").write_bytes(content)
     assert main(["bag", "import", str(tmp_path / "a.mat"), "--out", str(tmp_path / "bag")]) == 2
-    assert "a.mat: cannot be read as MATLAB 5, it is damaged" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert ("a.mat: cannot be read as" in error, error.count("\n")) == (True, 1)
     assert [item.name for item in tmp_path.iterdir()] == ["a.mat"]
 
 
@@ -447,7 +448,7 @@ def test_x_is_a_channel_where_a_rate_is_stated(tmp_path: Path) -> None:
 
 def test_what_numpy_writes_has_its_names(tmp_path: Path) -> None:
     values = np.random.default_rng(2).standard_normal(50)
-    np.savetxt(tmp_path / "a.dat", np.column_stack([np.arange(50) / 100.0, values]), fmt="%r", header="time beam")
+    np.savetxt(tmp_path / "a.dat", np.column_stack([np.arange(50) / 100.0, values]), fmt="%.17g", header="time beam")
     found = imported(tmp_path / "a.dat").signal("beam")
     assert found.rate == 100.0
     np.testing.assert_array_equal(found.values, values)
