@@ -50,7 +50,7 @@ def _last(ax: Any, found: Agreement) -> None:
 
 def _motions(ax: Any, found: Agreement, begin: float) -> None:
     shown = found.time >= begin
-    ax.plot(found.time[shown], 1e3 * found.measured[shown], LIGHT.given, linewidth=2.0, label="measured")
+    ax.plot(found.time[shown], 1e3 * found.measured[shown], LIGHT.given_text, linewidth=2.4, label="measured")
     ax.plot(found.time[shown], 1e3 * found.simulated[shown], LIGHT.own, linewidth=0.8, label="simulated")
     ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]")
 
