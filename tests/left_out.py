@@ -15,6 +15,7 @@ ALLOWED = {
     "left out: a browser draws the page": "Chromium is installed by root and with a network only",
     "pyarrow is missing": "`make parquet` needs a network",
     "installs from the package index": "`make wheel` needs a network, and every Python it is tried on",
+    "Sphinx is missing": "`make docs-packages` needs a network",
     "npTDMS or h5py is missing": "`make import` needs a network",
     "takes the rights of root away": "CI may run as an ordinary user",
     "a network of its own needs root": "CI may run as an ordinary user",
