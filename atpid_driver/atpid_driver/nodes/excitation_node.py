@@ -24,7 +24,7 @@ from atpid_common.nodes.messages import STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.real_time import LOOP_PRIORITY
-from atpid_common.vocabulary import ExciterKind, ExciterMode, Quality
+from atpid_common.vocabulary import ExciterKind, ExciterMode, Frame, Quality
 from atpid_driver import DriverError
 from atpid_driver.calibration.convert import shipped_calibrations
 from atpid_driver.excitation import ExcitationSettings, drive_of
@@ -185,7 +185,7 @@ class ExcitationNode(SupervisedNode):
         mode = ExciterMode.FAULT if self._fault else output.mode
         stamp = time_of(self._stamp) if self.settings.lockstep else self.get_clock().now().to_msg()
         self._states.publish(ExcitationState(
-            header=Header(stamp=stamp, frame_id=self.get_name()), mode=int(mode), fault=self._fault,
+            header=Header(stamp=stamp, frame_id=Frame.SUPPORT), mode=int(mode), fault=self._fault,
             kind=int(output.kind), sequence=output.sequence,
             held=bool(self._command.hold and mode is ExciterMode.RUNNING and self._hold.held),
             amplitude=output.amplitude, frequency=output.frequency, measured_amplitude=amplitude,

@@ -28,7 +28,7 @@ from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.real_time import LOOP_PRIORITY
-from atpid_common.vocabulary import Mode
+from atpid_common.vocabulary import Frame, Mode
 from atpid_driver import DriverError, NotReadyError
 from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
@@ -241,7 +241,7 @@ class MotorNode(SupervisedNode):
         return reading
 
     def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
-        header = Header(stamp=stamp, frame_id=self.get_name())
+        header = Header(stamp=stamp, frame_id=Frame.CEILING)
         self._states.publish(state_of(reading, header, handshake=handshake))
         self._injection.publish_truth(self._actuator, reading, header, handshake=handshake)
 
