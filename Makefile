@@ -144,6 +144,18 @@ parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB
 import: setup ## install what `atpid bag import` needs for TDMS and MATLAB 7.3 (docs/reading.md)
 	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/import.txt
 
+.PHONY: docs
+docs: docs-packages ## build the site of docs/ in out/docs/VERSION, the tag or `development`, beside those built before
+	@$(IN_WORKSPACE) version=$$(git describe --tags --exact-match 2> /dev/null || echo development); \
+	env ATPID_DOCS_VERSION=$$version PYTHONPATH=.venv/docs:$$PYTHONPATH \
+	    python -m sphinx --fail-on-warning -q -c docs . out/docs/$$version && echo "the site: out/docs/index.html"
+
+# In a folder of their own: Sphinx needs an older docutils than the other packages.
+.PHONY: docs-packages
+docs-packages: setup ## install what `make docs` builds the site with, 95 MB, into .venv/docs
+	@cmp -s ros2_ws/requirements/docs.txt .venv/docs/docs.txt || { rm -rf .venv/docs && .venv/bin/python -m pip install -q \
+	    --no-deps --require-hashes --target .venv/docs -r ros2_ws/requirements/docs.txt && cp ros2_ws/requirements/docs.txt .venv/docs; }
+
 .PHONY: browser
 browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
 	apt-get update -q

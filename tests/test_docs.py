@@ -250,6 +250,7 @@ NOT_RUN = {
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"make (parquet|import)$": "installs packages; .ci/run does it",
+    r"make docs$": "installs packages; test_docs_site.py builds the site with them",
     r"make wheel( |$)": "installs from the package index; test_wheel.py tries the wheel beside what is there",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"sudo make browser$": "installs packages as root; .ci/run does it",
