@@ -42,3 +42,12 @@ def test_a_task_is_three_links_away(task: str) -> None:
 def test_each_page_of_the_documentation_is_reached() -> None:
     reached = clicks()
     assert [path.name for path in ROOT.glob("docs/*.md") if path.relative_to(ROOT).as_posix() not in reached] == []
+
+
+def test_the_numbers_of_the_example_are_those_of_the_design() -> None:
+    """`tests/test_design_page.py` computes them again."""
+    table = (ROOT / "docs/what_it_is.md").read_text().partition("| answer | |\n|---|---|\n")[2]
+    rows = table.partition("\n\n")[0].splitlines()
+    design = (ROOT / "docs/design.md").read_text()
+    assert len(rows) > 2
+    assert [row for row in rows if row not in design] == []
