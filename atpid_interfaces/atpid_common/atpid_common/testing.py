@@ -45,6 +45,12 @@ LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkse
 END_TIMEOUT = 60.0  # [s] for a thread or process to end, on a busy machine
 
 
+def check_notices(package: Path) -> None:
+    """Fail where ament_copyright does; skip where there is none."""
+    linter = pytest.importorskip("ament_copyright.main", reason="no ament_lint here")
+    assert linter.main(argv=[str(package)]) == 0
+
+
 def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
     """Keep the plugins of a ROS installation out; pytest calls this before it loads any of them."""
     for name in FOREIGN_PLUGINS:
