@@ -42,6 +42,13 @@ def visited(*pages: Path) -> dict[str, list[str]]:
     return found
 
 
+def errors_of(page: Any) -> list[str]:
+    """Return a list to which errors of the page's scripts are appended."""
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    return errors
+
+
 def main(chromium: str, *pages: str) -> None:
     """Print what is wrong with each page."""
     from axe_playwright_python.sync_playwright import Axe
@@ -54,8 +61,7 @@ def main(chromium: str, *pages: str) -> None:
             for screen, size in SCREENS.items():
                 for scheme in ("light", "dark"):
                     page = browser.new_page(viewport=size, color_scheme=scheme)
-                    errors: list[str] = []
-                    page.on("pageerror", lambda error, errors=errors: errors.append(str(error)))
+                    errors = errors_of(page)
                     page.goto(Path(name).resolve().as_uri())
                     wrong = [one["id"] for one in Axe().run(page).response["violations"]]
                     if page.evaluate("document.documentElement.scrollWidth") > size["width"]:
