@@ -141,7 +141,7 @@ parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB
 	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/parquet.txt
 
 .PHONY: import
-import: setup ## install what `atpid bag import` needs for TDMS and MATLAB 7.3 (docs/reading.md)
+import: setup ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/reading.md)
 	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/import.txt
 
 .PHONY: docs
