@@ -374,7 +374,7 @@ def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
     assert cmake.read_text() == '"/here/include;/here/numpy;/usr/include"'
 
 
-@pytest.mark.parametrize("lock", ["backend.txt", "import.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
+@pytest.mark.parametrize("lock", ["backend.txt", "docs.txt", "import.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
 def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -> None:
     text = (root / "ros2_ws/requirements" / lock).read_text()
     entries = [entry for entry in re.split(r"\n(?=\S)", text) if not entry.startswith("#")]
