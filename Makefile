@@ -80,11 +80,12 @@ coverage: setup ## run the tests with coverage.py: table on the screen, pages in
 figures: setup ## make every picture of README and docs again (a few minutes)
 	@. ros2_ws/activate || exit 2; set -e; \
 	atpid bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
-	atpid bag report bags/thesis_4_3_short --out out/mechanism; cp out/mechanism/grain.png docs/figures/mechanism.png; \
+	atpid bag report bags/thesis_4_3_short --out out/mechanism; cp out/mechanism/grain.png docs/figures/grain.png; \
 	python -m studies figures free_decay --out docs/figures; \
 	python -m studies figures contact --out docs/figures; \
 	python -m studies figures speed --out docs/figures; \
 	python -m studies figures stand --out docs/figures; \
+	python -m studies figures mechanism --out docs/figures; \
 	python tests/tutorial.py; \
 	python -m studies figures identification --out docs/figures; \
 	python -m studies figures selection --out docs/figures; \

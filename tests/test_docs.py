@@ -42,6 +42,7 @@ RUN = {
         r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
         r"atpid bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
         r"python -m studies figures stand": "test_the_drawings_and_the_table_of_the_stand_are_what_is_computed_now",
+        r"python -m studies figures mechanism": "test_the_mechanism_moves_as_it_is_simulated_now",
         r"python -m studies figures (contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
     "atpid_control/test/test_doctor.py": {r"atpid doctor": "test_the_worst_finding_is_the_status"},
