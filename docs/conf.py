@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of Sphinx for the site: `make docs` builds it into out/docs/VERSION (docs/decisions/0004-tests.md)."""
+"""Settings of Sphinx for the site: `make docs` builds it into out/docs/VERSION (docs/decisions/0065-the-site.md)."""
 
 import os
 import sys
@@ -7,7 +7,6 @@ from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(_ROOT), str(_ROOT / "docs" / "_site")]
-os.environ["COLUMNS"] = "100"  # of the usage lines
 
 project = "ATPID"
 author = "ATPID contributors"
@@ -39,7 +38,7 @@ nitpick_ignore_regex = [("py:.*", ".*")]
 smartquotes = False  # of options, "--steady"
 
 html_theme = "furo"
-html_title = f"ATPID {release}"
+html_title = "ATPID"
 html_static_path = ["_site/static"]
 html_css_files = ["site.css"]
 templates_path = ["_site/templates"]

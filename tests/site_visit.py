@@ -11,7 +11,7 @@ from typing import Any
 
 from page_visit import SCREENS
 
-PAGES = ("README", "docs/README", "docs/commands", "docs/messages", "docs/python_api", "docs/parameters", "docs/scenes")
+PAGES = ("README", "docs/commands", "docs/messages", "docs/parameters")
 
 
 def main(chromium: str, site: str, *words: str) -> None:

@@ -8,7 +8,6 @@ import argparse
 import inspect
 import json
 import re
-import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -55,7 +54,7 @@ def command_list(program: str, commands: Commands) -> str:
     for heading, name, text, parser in parsers(program, commands):
         lines += [f"## {heading}", ""] if heading != last else []
         last = heading
-        usage = textwrap.fill(" ".join(parser.format_usage().split()[1:]), 90, subsequent_indent="    ")
+        usage = " ".join(parser.format_usage().split()[1:])  # wrapped by the browser
         lines += [f"### {program} {name}", "", plain(text[0].upper() + text[1:] + "."), "", "```text", usage, "```", ""]
         shape = parser._get_formatter()
         for action in parser._actions:
@@ -76,15 +75,11 @@ def comment(annotations: Any) -> str:
 
 def definition_tables(title: str, part: Any) -> list[str]:
     """Return the constants and fields of a message, or of a part of a service or action."""
-    lines = [f"**{title}**", ""] if title else []
-    text = comment(part.annotations)
-    lines += [text, ""] if text else []
-    if part.constants:
-        lines += ["| constant | meaning |", "|---|---|"]
-        lines += [*(row(each.name, each.value, each.annotations) for each in part.constants), ""]
-    lines += ["| field | meaning |", "|---|---|"]
-    lines += [row(each.name, each.type, each.annotations) for each in part.fields]
-    return [*lines, ""]
+    lines = [f"**{title}**" if title else "", "", comment(part.annotations), ""]
+    for heading, entries in (("constant", part.constants), ("field", part.fields)):
+        rows = [row(each.name, getattr(each, "value", each.type), each.annotations) for each in entries]
+        lines += [f"| {heading} | meaning |", "|---|---|", *rows, ""] if rows else []
+    return lines
 
 
 def row(name: str, below: object, annotations: Any) -> str:
@@ -92,22 +87,24 @@ def row(name: str, below: object, annotations: Any) -> str:
     return f"| `{name}`<br>{plain(str(below))} | {comment(annotations)} |"
 
 
+#: Headings, with how the definitions below them are read and what they consist of.
+KINDS = {
+    "msg": ("Messages", parse_message_file, {}),
+    "srv": ("Services", parse_service_file, {"Request": "request", "Response": "response"}),
+    "action": ("Actions", parse_action_file, {"Goal": "goal", "Result": "result", "Feedback": "feedback"}),
+}
+
+
 def messages() -> str:
     """Return a section for each message, service and action."""
-    lines = ["## Messages", ""]
-    for path in sorted(INTERFACES.glob("msg/*.msg")):
-        message = parse_message_file("atpid_interfaces", str(path))
-        lines += [f"### {path.stem}", "", *definition_tables("", message)]
-    lines += ["## Services", ""]
-    for path in sorted(INTERFACES.glob("srv/*.srv")):
-        service = parse_service_file("atpid_interfaces", str(path))
-        lines += [f"### {path.stem}", "", *definition_tables("Request", service.request)]
-        lines += definition_tables("Response", service.response)
-    lines += ["## Actions", ""]
-    for path in sorted(INTERFACES.glob("action/*.action")):
-        action = parse_action_file("atpid_interfaces", str(path))
-        lines += [f"### {path.stem}", "", *definition_tables("Goal", action.goal)]
-        lines += definition_tables("Result", action.result) + definition_tables("Feedback", action.feedback)
+    lines = []
+    for kind, (heading, parse, parts) in KINDS.items():
+        lines += [f"## {heading}", ""]
+        for path in sorted(INTERFACES.glob(f"{kind}/*.{kind}")):
+            read = parse("atpid_interfaces", str(path))
+            lines += [f"### {path.stem}", ""]
+            lines += [line for title, part in parts.items() for line in definition_tables(title, getattr(read, part))]
+            lines += [] if parts else definition_tables("", read)
     return "\n".join(lines)
 
 
