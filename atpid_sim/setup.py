@@ -26,7 +26,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["LICENSE", "package.xml"]),
-        *shared_files("config"),
+        *shared_files("config", "scenes"),
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # makes `colcon test` run pytest

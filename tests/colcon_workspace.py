@@ -25,7 +25,7 @@ NOT_INSTALLED = (
 #: Variables of pytest, of coverage.py and of a colcon workspace that this shell has sourced begin so.
 UNWANTED = ("PYTEST_", "COVERAGE_", "COLCON_")
 _MODULES = ("atpid_common", "atpid_sim", "atpid_driver", "atpid_control")
-_SHARED = ("action", "config", "firmware", "launch", "msg", "srv")
+_SHARED = ("action", "config", "firmware", "launch", "msg", "scenes", "srv")
 
 
 def sources() -> list[Path]:
@@ -47,6 +47,8 @@ def clone(folder: Path) -> Path:
 
 def package_of(path: Path) -> str | None:
     """Return the package in whose folder a file is, by its path relative to the root; None: in none."""
+    if path.parts[0] == "scenes":  # linked to from the package that installs them
+        return "atpid_sim"
     return next((name for name, folder in PACKAGES.items() if path.is_relative_to(folder)), None)
 
 
@@ -58,18 +60,18 @@ def installed_place(path: Path) -> str | None:
     package = package_of(path)
     if package is None:
         return None
-    first, *rest = path.relative_to(PACKAGES[package]).parts
+    first, *rest = path.parts if path.parts[0] == "scenes" else path.relative_to(PACKAGES[package]).parts
     if first == "bin":
         return path.relative_to(PACKAGES[package]).as_posix()
     if first in _MODULES:
         return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/" + "/".join([first, *rest])
-    if first in _SHARED:
+    if first in _SHARED and rest:
         return f"share/{package}/" + "/".join([first, *rest])
     if first in ("LICENSE", "package.xml"):
         return f"share/{package}/{first}"
     if first == "resource":
         return f"share/ament_index/resource_index/packages/{package}"
-    if first == "test" or first in NOT_INSTALLED:
+    if first in ("scenes", "test") or first in NOT_INSTALLED:
         return None
     raise KeyError(f"{path}: say in {Path(__file__).name} where it is installed, or that it is not")
 

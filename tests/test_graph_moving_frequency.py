@@ -82,7 +82,7 @@ def test_two_tones_are_refused_with_a_sentence_and_the_ceiling_stays(scenes: Pat
     bag = in_lockstep(path, tmp_path / "run")
     assert unanswered_blocks(open_run(bag.path)) == 0
     (event,) = [event for _, event in bag.messages("/events") if event.kind == "two_tones"]
-    assert event.header.frame_id == "identifier_node"
+    assert event.node == "identifier_node"
     assert "two tones excite the structure" in event.text
     seen = event.header.stamp.sec + 1e-9 * event.header.stamp.nanosec
     assert seen < 3.5

@@ -124,8 +124,8 @@ def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph: Start, 
     recorder = running.nodes["recorder_node"]
     recorder.process.send_signal(signal.SIGKILL)
     # of the plant's: the nodes that then get no samples from it report that as well, on a busy machine before it
-    running.until(lambda: any(event.header.frame_id == "plant_node" for event in watch.stale()))
-    assert any("recorder" in event.text for event in watch.stale() if event.header.frame_id == "plant_node")
+    running.until(lambda: any(event.node == "plant_node" for event in watch.stale()))
+    assert any("recorder" in event.text for event in watch.stale() if event.node == "plant_node")
     running.until(lambda: running.nodes["plant_node"].status is not None)
     assert running.nodes["plant_node"].status == 0
     running.until(lambda: Event.FINISHED in {event.kind for event in watch.events})

@@ -40,7 +40,7 @@ def test_its_samples_arrive(tmp_path: Path) -> None:
                 one.communicate(timeout=100.0)
     assert done.returncode == 0, done.stderr
     block = yaml.safe_load(done.stdout.removesuffix("---\n"))
-    assert (block["header"]["frame_id"], block["units"]) == ("their/data:0", ["m/s^2", "m/s^2"])
+    assert (block["device"], block["units"]) == ("their/data:0", ["m/s^2", "m/s^2"])
     assert block["rate"] == pytest.approx(200.0, rel=0.02)
     assert max(map(abs, block["data"])) <= 98.1
     assert block["data"][0] == -block["data"][1]

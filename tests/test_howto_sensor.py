@@ -76,7 +76,7 @@ def test_its_samples_arrive(folder: Path, installed: dict[str, str], domain: int
         node.send_signal(signal.SIGINT)
         logged, _ = node.communicate(timeout=100.0)
     block = yaml.safe_load(printed.removesuffix("---\n"))
-    assert (block["header"]["frame_id"], block["channels"], block["units"]) == ("load-cell:4711", ["force"], ["N"])
+    assert (block["device"], block["channels"], block["units"]) == ("load-cell:4711", ["force"], ["N"])
     assert (block["rate"], len(block["data"]), block["dropped"]) == (500.0, 25, 0)
     index = [block["first_index"] + k for k in range(25)]
     assert block["data"] == pytest.approx([400.0 * abs(k / 500.0 % 1.0 - 0.5) for k in index])

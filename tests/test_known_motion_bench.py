@@ -31,7 +31,7 @@ def run(scenes: Path, folder: Path, **motor: Any) -> Bag:
 @pytest.mark.slow
 def test_the_ceiling_moves_before_the_run_and_is_back_when_it_begins(scenes: Path, tmp_path: Path) -> None:
     bag = run(scenes, tmp_path)
-    events = [event.text for _, event in bag.messages("/events") if event.header.frame_id == "motor_node"]
+    events = [event.text for _, event in bag.messages("/events") if event.node == "motor_node"]
     assert events[0] == "known motion: in 1 s the ceiling moves from 0.017 to 0.117 m and back"
     # tried again where a busy machine withdrew the supervisor's permission meanwhile
     assert "known motion passed" in events, events[:10]

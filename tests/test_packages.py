@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 from catkin_pkg.packages import find_packages
+from atpid_common.errors import EXTRAS
 from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sources
 
 PYTHON_PACKAGES = [name for name in PACKAGES if name != "atpid_interfaces"]
 #: rosdep's keys for Ubuntu 24.04 (rosdistro/rosdep/python.yaml), by module; ROS packages have their own name.
 KEYS = {
-    "grpc": "python3-grpcio",
     "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
@@ -29,31 +29,17 @@ KEYS = {
     "pydantic_core": "python3-pydantic",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
-    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "tornado": "python3-tornado",
-    "xarray": "python3-xarray",
     "yaml": "python3-yaml",
 }
-#: Modules without such a key, by what pip calls them.
-PIP_ONLY = {
-    "distributed": "distributed",
-    "foxglove": "foxglove-sdk",
-    "h5py": "h5py",
-    "labjack": "labjack-ljm",
-    "mcap": "mcap",
-    "nidaqmx": "nidaqmx",
-    "nptdms": "npTDMS",
-    "plotly": "plotly",
-    "pyarrow": "pyarrow",
-    "pyuff": "pyuff",
-    "shtab": "shtab",
-    "zstandard": "zstandard",
-}
-#: What is needed without an import: by `ros2 launch`, by the messages, and by pytest as a plugin.
+#: Modules that are asked for where they are used, by what pip calls them.
+PIP_ONLY = {name: library.partition("[")[0] for name, library in EXTRAS.items() if name not in KEYS}
+#: What is needed without an import: by `ros2 launch`, by the messages, by pytest as a plugin, and linters.
 WITHOUT_IMPORT = {
     "ros2launch", "rosidl_default_runtime", "action_msgs", "std_msgs", "python3-pytest-timeout",
+    "ament_copyright", "ament_lint_auto", "ament_lint_common",
 }  # fmt: skip
 
 
@@ -228,6 +214,16 @@ def test_activate_asks_to_be_sourced(shell: str) -> None:
     done = subprocess.run([shell, "ros2_ws/activate"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == "this file changes the shell that reads it, so it has to be sourced: . ros2_ws/activate\n"
+
+
+@pytest.mark.parametrize(("reach", "warnings"), [("LOCALHOST", 0), ("OFF", 0), ("SUBNET", 1)])
+def test_a_range_beyond_this_machine_is_warned_of_where_ros_comes_from_wheels(reach: str, warnings: int) -> None:
+    given = environment() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
+    command = ["sh", "-c", ". ros2_ws/activate"]
+    done = subprocess.run(command, cwd=ROOT, env=given, capture_output=True, text=True, check=True)
+    wheels = (ROOT / ".venv/share/rclpy").is_dir()
+    assert done.stderr.count(f"DISCOVERY_RANGE={reach} goes beyond this machine") == (warnings if wheels else 0)
+    assert len(done.stderr.splitlines()) <= 1
 
 
 def test_a_shell_that_is_not_activated_is_named() -> None:

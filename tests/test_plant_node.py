@@ -136,7 +136,7 @@ def test_each_block_waits_for_its_answer_and_the_ceiling_follows_the_state(graph
     spin(lambda: len(peer.events) == 2)
     assert plant.done.result() == 0
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
-    assert peer.blocks[1].header.frame_id == "plant:laser"
+    assert (peer.blocks[1].device, peer.blocks[1].header.frame_id) == ("plant:laser", "stand")
     assert plants[-1].commanded == [(0.017, 0.0)] + [(0.3, 0.25)] * 9
     assert [(event.kind, event.severity) for event in peer.events] == [
         (Event.STARTED, Event.INFO),

@@ -85,7 +85,7 @@ def test_the_loop_without_the_graph_decides_as_the_graph_does(
     assert [answer.command.height for answer in ran.answers] == pytest.approx(sent, rel=1e-12, nan_ok=True)
     beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
     assert np.max(np.abs(ran.beam - beam)) <= 1e-9
-    reported = [event.kind for _, event in bag.messages("/events") if event.header.frame_id == "selector_node"]
+    reported = [event.kind for _, event in bag.messages("/events") if event.node == "selector_node"]
     assert reported == [answer.kind for answer in ran.answers if answer.kind]
     assert set(reported) == kinds
 

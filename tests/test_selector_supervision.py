@@ -162,7 +162,7 @@ def test_a_strangers_end_of_the_run_does_not_stop_the_watch(make: Make) -> None:
     for name, kind, stops in (("plant_node", Event.STARTED, False), ("a stranger", Event.FINISHED, False),
                               ("plant_node", Event.FINISHED, True)):  # fmt: skip
         event = Event(kind=kind)
-        event.header.frame_id, event.header.stamp = name, time_of(loop.stamp + BLOCK)
+        event.node, event.header.stamp = name, time_of(loop.stamp + BLOCK)
         heard = len(loop.events)
         loop.runs.publish(event)
         loop.until(lambda heard=heard: len(loop.events) > heard)  # type: ignore[misc]

@@ -37,13 +37,18 @@ seed:       1
 """
 
 
-def make(message: str, /, stamp_ns: int = 0, frame_id: str = "", **fields: Any) -> bytes:
-    """Return a serialised message of atpid_interfaces/msg/`message`; fields not given are zero or empty."""
+def make(message: str, /, stamp_ns: int = 0, sender: str = "", frame_id: str = "", **fields: Any) -> bytes:
+    """Return a serialised message of atpid_interfaces/msg/`message`; fields not given are zero or empty.
+
+    sender: its device or node, of a message that has one.
+    """
     name = f"{PACKAGE}/{message}"
     if name not in _STORE.types:
         found = get_types_from_msg(message_type(name).definition, name)
         _STORE.register({key: value for key, value in found.items() if key not in _STORE.fielddefs})
     stamp = _new("builtin_interfaces/msg/Time", sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
+    own = [field for field, _ in _STORE.fielddefs[name][1] if field in ("device", "node")]
+    fields = dict.fromkeys(own, sender) | fields
     header = _new("std_msgs/msg/Header", frame_id=frame_id, stamp=stamp)
     return bytes(_STORE.serialize_cdr(_new(name, header=header, **fields), name))
 

@@ -54,7 +54,7 @@ def test_other_rates_and_topics_are_datasets_of_their_own(bag: Path) -> None:
     assert estimates["frequency"].attrs["units"] == "Hz"
     assert float(estimates["amplitude"][3]) == 0.01 / 3.0
     np.testing.assert_allclose(estimates["received"] - estimates["time"], 0.003 - 2e-9, atol=1e-9)
-    assert (event["text"].item(), event["source"].item()) == ('60 lost, "here" #1', "recorder_node")
+    assert (event["text"].item(), event["node"].item()) == ('60 lost, "here" #1', "recorder_node")
     assert tree.attrs["run_id"] == "numbers"
 
 

@@ -72,7 +72,7 @@ def test_uff_has_lines_of_80_signs_and_double_values(odd: Path, tmp_path: Path) 
 def test_a_text_in_any_script_comes_back(odd: Path, tmp_path: Path) -> None:
     run(odd, "csv", tmp_path / "a.csv")
     events = pd.read_csv(tmp_path / "a.events.csv", comment="#", lineterminator="\n", keep_default_na=False)
-    assert (events["text"].item(), events["source"].item()) == (TEXT, "knöten")
+    assert (events["text"].item(), events["node"].item()) == (TEXT, "knöten")
     assert loadmat(run(odd, "mat", tmp_path / "a.mat"), simplify_cells=True)["events"]["text"] == TEXT
     assert open_run(odd).tree()["events"].to_dataset()["text"].item() == TEXT
     pytest.importorskip("pyarrow.parquet", reason="pyarrow is missing: `make parquet` installs it")

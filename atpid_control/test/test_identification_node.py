@@ -94,7 +94,7 @@ class Stand:
 
 def sample_block(first: int, channels: dict[str, Any], rate: float = RATE, skew: float = 0.0) -> SampleBlock:
     block = SampleBlock(first_index=first, rate=rate, channels=list(channels), units=["m"] * len(channels))
-    block.header.stamp, block.header.frame_id = time_of(stamp_ns(START, first, rate)), "plant"
+    block.header.stamp, block.device = time_of(stamp_ns(START, first, rate)), "plant"
     block.skew = array.array("d", [skew] * len(channels))
     data = np.stack([np.asarray(values) for values in channels.values()], axis=1)
     block.data = array.array("d", data.astype(np.float64).ravel())

@@ -26,8 +26,8 @@ from atpid_sim.simulation.simulate import simulate
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
 
-def header(time: float, frame: str = "node") -> Any:
-    return SimpleNamespace(stamp=SimpleNamespace(sec=int(time), nanosec=round((time % 1.0) * 1e9)), frame_id=frame)
+def header(time: float) -> Any:
+    return SimpleNamespace(stamp=SimpleNamespace(sec=int(time), nanosec=round((time % 1.0) * 1e9)), frame_id="")
 
 
 def block(first: int, values: np.ndarray[Any, Any], rate: float = 1000.0) -> Any:
@@ -38,7 +38,7 @@ def block(first: int, values: np.ndarray[Any, Any], rate: float = 1000.0) -> Any
 
 
 def event(text: str, kind: str = "rumble", at: float = 101.0) -> Any:
-    return SimpleNamespace(header=header(at, "identifier_node"), kind=kind, severity=1, text=text)
+    return SimpleNamespace(header=header(at), node="identifier_node", kind=kind, severity=1, text=text)
 
 
 def excitation(at: float, quality: int = 1, amplitude: float = 0.01) -> Any:

@@ -21,7 +21,7 @@ from rosbags.rosbag2 import Reader
 from atpid_control.cli import main
 from atpid_control.recording.order import StampOrder
 from atpid_control.recording.session import Continuity
-from atpid_control.runs.cdr import block_shape, event_kind, header, is_handshake, truth_shape
+from atpid_control.runs.cdr import block_shape, event, is_handshake, stamp, truth_shape
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run
@@ -106,7 +106,7 @@ def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
 def test_in_lockstep_log_times_are_stamps_in_order(bag: Path) -> None:
     with (bag / "run_0.mcap").open("rb") as stream:
         messages = list(make_reader(stream).iter_messages(log_time_order=False))
-    assert all(message.log_time == message.publish_time == header(message.data).stamp_ns for _, _, message in messages)
+    assert all(message.log_time == message.publish_time == stamp(message.data) for _, _, message in messages)
     assert all(a.log_time <= b.log_time for (_, _, a), (_, _, b) in pairwise(messages))
     for topic in {channel.topic for _, channel, _ in messages}:
         sequences = [message.sequence for _, channel, message in messages if channel.topic == topic]
@@ -142,14 +142,14 @@ def test_unknown_types_are_refused_in_one_line(name: str) -> None:
 
 def test_fields_are_read_in_place_whatever_the_alignment() -> None:
     for frame_id in ("", "a", "ab", "abc", "abcd", "plant:laser"):
-        data = make("SampleBlock", 12_345_678_901, frame_id, first_index=7, rate=1000.0, dropped=3,
+        data = make("SampleBlock", 12_345_678_901, "a device", frame_id, first_index=7, rate=1000.0, dropped=3,
                     channels=["a", "bcd"], units=["m", "m/s^2"], skew=np.zeros(2), data=np.arange(6.0))  # fmt: skip
-        assert header(data) == (12_345_678_901, frame_id)
+        assert stamp(data) == 12_345_678_901
         assert not is_handshake(data)
         assert is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
         assert block_shape(data) == (7, 1000.0, 3)
-        assert event_kind(make("Event", 1, frame_id, kind="finished", text="x")) == "finished"
-        assert truth_shape(make("PlantTruth", 1, frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
+        assert event(make("Event", 1, "n", frame_id, kind="finished", text="x")) == ("finished", "n")
+        assert truth_shape(make("PlantTruth", 1, frame_id=frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
             9,
             10.0,
             4,

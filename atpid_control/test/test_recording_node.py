@@ -73,9 +73,9 @@ class Source(Node):  # type: ignore[misc]
     def _on_status(self, status: RecorderStatus) -> None:
         self.status = status
 
-    def say(self, topic: str, stamp_ns: int, frame_id: str = "", **fields: Any) -> None:
+    def say(self, topic: str, stamp_ns: int, **fields: Any) -> None:
         message = TOPICS[topic](**fields)
-        message.header.stamp, message.header.frame_id = time_of(stamp_ns), frame_id
+        message.header.stamp = time_of(stamp_ns)
         self.out[topic].publish(message)
 
     def handshake(self) -> None:
@@ -166,13 +166,13 @@ def test_a_run_is_recorded_from_handshake_to_finished(
 def test_a_strangers_end_does_not_end_the_record(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
-    source.say("events", 0, kind="started", frame_id="plant_node")
+    source.say("events", 0, kind="started", node="plant_node")
     for number in range(30):
         source.block(number)
         if number == 10:
-            source.say("events", 10 * BLOCK_NS, kind="finished", frame_id="a stranger")
+            source.say("events", 10 * BLOCK_NS, kind="finished", node="a stranger")
         ros.spin_once(timeout_sec=0.0)
-    source.say("events", 30 * BLOCK_NS - 1_000_000, kind="finished", frame_id="plant_node")
+    source.say("events", 30 * BLOCK_NS - 1_000_000, kind="finished", node="plant_node")
     spin_until(ros, source.closed)
     assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 30
     assert not recorder.error

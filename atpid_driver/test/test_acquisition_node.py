@@ -86,7 +86,7 @@ def test_laser_blocks_are_metres_with_true_stamps_and_skew(bench: Bench, t7: Con
     began = time.time()
     bench.until(lambda: len(bench.blocks) >= 5)
     first, second = bench.blocks[:2]
-    assert first.header.frame_id == "labjack:470012345"
+    assert (first.device, first.header.frame_id) == ("labjack:470012345", "stand")
     assert second.first_index == first.first_index + 50
     assert first.rate == 1000.0
     assert list(first.channels) == ["support_displacement", "beam_displacement"]
@@ -315,7 +315,7 @@ def test_a_parameter_that_cannot_be_is_refused_before_a_device_is_touched(
 def test_the_simulated_backend_needs_no_device(bench: Bench) -> None:
     bench.start(LabJackNode, **laser(backend="simulated"))
     bench.until(lambda: len(bench.blocks) >= 2)
-    assert bench.blocks[0].header.frame_id == "simulated:1"
+    assert bench.blocks[0].device == "simulated:1"
 
 
 def run_node(*parameters: str) -> subprocess.Popen[str]:

@@ -75,7 +75,7 @@ def test_a_refused_height_is_reported_once_and_the_ceiling_stays(stand: Stand) -
 def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
     stand.motor(speed=5.0)
     stand.handshake()
-    stand.until(lambda: stand.states[-1].header.frame_id == "motor_node")
+    stand.until(lambda: stand.states[-1].header.frame_id == "ceiling")
     stand.command(0.9, 0.0, sequence=7)
     stand.until(lambda: any(state.mode == CeilingState.MOVING for state in stand.states))
     stand.until(lambda: stand.states[-1].height == 0.9, lambda: stand.command(0.9, 0.0, sequence=7))

@@ -20,4 +20,5 @@ setup(
     maintainer_email="atpid@example.org",
     description="What the packages of the tuned particle impact damper share: errors, command line, node plumbing.",
     license="Apache-2.0",
+    entry_points={"ament_copyright.license": ["spdx_apache2 = atpid_common.licence:SPDX"]},
 )

@@ -7,13 +7,12 @@ import html
 from collections.abc import Iterator, Mapping
 from dataclasses import Field
 from enum import Enum
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_common.errors import InputError
+from atpid_common.errors import extras
 from atpid_sim.figure_style import LIGHT, style
 
 if TYPE_CHECKING:
@@ -26,15 +25,6 @@ IMPACT = {"time": "s", "wall": "1", "speed": "m/s", "damper": "1"}
 def named_impacts(rows: NDArray[np.float64]) -> NDArray[Any]:
     """Return impacts (k, 3 or 4), whose columns are `IMPACT`, as a structured array (k,): `impacts["speed"]`."""
     return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in list(IMPACT)[: rows.shape[1]]])
-
-
-def optional(module: str, purpose: str) -> Any:
-    """Return a module of a library that is not needed otherwise; raise InputError in one line where it is missing."""
-    try:
-        return import_module(module)
-    except ImportError:
-        library = module.partition(".")[0]
-        raise InputError(f"{purpose}: needs {library}, which is not installed; pip install {library}") from None
 
 
 def in_unit(unit: str, names: str, dims: str = "") -> dict[str, tuple[str, str]]:
@@ -85,7 +75,9 @@ class Labelled(Shown):
 
         Raises InputError where xarray is not installed.
         """
-        xarray, variables, texts = optional("xarray", "to_xarray"), {}, {}
+        with extras("to_xarray"):
+            import xarray
+        variables, texts = {}, {}
         for name in self._names():
             value, dims = getattr(self, name), self.labels.get(name, ("1", ""))[1].split()
             if isinstance(value, str):
@@ -111,7 +103,8 @@ class Drawn(Labelled):
 
         Raises InputError where matplotlib is not installed.
         """
-        pyplot = optional("matplotlib.pyplot", "plot")
+        with extras("plot"):
+            from matplotlib import pyplot
         with pyplot.rc_context(style(LIGHT)):
             axes: Axes = pyplot.subplots(layout="constrained")[1] if ax is None else ax
             *_, over = self.labels[self.drawn[0]][1].split()

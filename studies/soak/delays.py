@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from atpid_common.latency import percentile
-from atpid_control.runs.cdr import header
+from atpid_control.runs.cdr import stamp
 from atpid_control.runs.contents import Contents
 
 _COMMAND = "atpid_interfaces/msg/CeilingCommand"
@@ -28,12 +28,12 @@ def delays(bag: Path) -> Iterator[Delay]:
     first, minute, values = 0, 0, list[float]()
     for channel, record in contents.records():
         if contents.types[channel.topic] == _COMMAND:
-            stamp = header(record.data).stamp_ns
-            first = first or stamp
-            if (stamp - first) // _MINUTE != minute and values:
+            sent = stamp(record.data)
+            first = first or sent
+            if (sent - first) // _MINUTE != minute and values:
                 yield _of(minute, values)
-                minute, values = (stamp - first) // _MINUTE, []
-            values.append((record.log_time - stamp) * 1e-9)
+                minute, values = (sent - first) // _MINUTE, []
+            values.append((record.log_time - sent) * 1e-9)
     if values:
         yield _of(minute, values)
 

@@ -24,6 +24,7 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.estimate import ACCELERATION
@@ -121,7 +122,8 @@ class IdentifierNode(Node):
             self.last_error = str(error)
             estimate = Estimate()
         message = Excitation(**_fields(estimate))
-        message.header.stamp, message.header.frame_id = time_of(last_ns), block.header.frame_id
+        message.header.stamp, message.header.frame_id = time_of(last_ns), Frame.SUPPORT
+        message.device = block.device
         # before the estimate, so that the node that answers it has received the rumble first
         self._watch(block, estimate, message)
         self._publish_change(estimate, message)
@@ -219,7 +221,7 @@ class _Progress:
             self._missing += block.first_index - self._expected
         self._expected = block.first_index + scans_of(block)
         self.blocks += 1
-        self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
+        self._rate, self._latest, self._device = block.rate, estimate, block.device
 
     def status(self, node: Node, last_error: str, other: OtherExcitation | None, unit: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR

@@ -219,7 +219,6 @@ class RecorderNode(Node):
         session = self.session
         message = RecorderStatus(recording=session is not None and session.recording, bag=str(self.bag))
         message.header.stamp = self.get_clock().now().to_msg()
-        message.header.frame_id = self.get_name()
         message.topics = [topic.name for topic in self.topics]
         nothing = dict.fromkeys(message.topics, 0)
         message.received = list((session.received if session else nothing).values())

@@ -31,6 +31,7 @@ from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
 from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
@@ -185,7 +186,7 @@ class SelectorNode(Node):
 
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
-        if event.header.frame_id != self.get_name():
+        if event.node != self.get_name():
             self._controller.on_event(event.kind)
 
     def _on_excitation(self, message: Excitation) -> None:
@@ -229,7 +230,8 @@ class SelectorNode(Node):
         elif not answered.handshake and (manual := self.parameters["manual_height"]):
             command = replace(command, height=manual, method="manual", reason=SET)
         message = CeilingCommand(**vars(command))
-        message.header, message.handshake = answered.header, answered.handshake
+        message.header.stamp, message.header.frame_id = answered.header.stamp, Frame.CEILING
+        message.handshake = answered.handshake
         self._commands.publish(message)
 
     # services

@@ -45,7 +45,7 @@ class SignalFaults:
             if changed is not None:
                 again = " again" if changed.state is ChannelState.PLAUSIBLE else ""
                 self._publish(not again, f"{name}: {changed.text}{again}", math.nan, last_ns)
-        device = str(block.header.frame_id)
+        device = str(block.device)
         clock = self._clocks.setdefault(device, ClockWatch(self._clock_tolerance))
         faulty = clock.push(nanoseconds_of(block.header.stamp) * 1e-9, block.first_index, block.rate)
         if faulty is not None:

@@ -140,7 +140,7 @@ class SupervisorNode(Node):
         """Publish the state; an event and diagnostics at once where it has changed."""
         situation = self._supervision.situation()
         message = SupervisorState(state=int(situation.state), permit=situation.permit, stop=situation.stop)
-        message.header.stamp, message.header.frame_id = self.get_clock().now().to_msg(), self.get_name()
+        message.header.stamp = self.get_clock().now().to_msg()
         message.reason, message.nodes = situation.reason, list(self._answers.nodes)
         message.silence = [self._answers.silence(name, now) for name in self._answers.nodes]
         self._states.publish(message)

@@ -15,7 +15,7 @@ class UnorderedMessage(NamedTuple):
 
     stamp_ns: int
     rank: int  # of the topic in the recorder's list
-    frame_id: str
+    node: str  # of an event; empty: a topic of one node
     arrival: int
     topic: str
     data: bytes
@@ -39,10 +39,10 @@ class StampOrder:
     def __len__(self) -> int:
         return len(self._held)
 
-    def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
+    def add(self, topic: str, stamp_ns: int, node: str, data: bytes) -> None:
         """Take one message."""
         heapq.heappush(
-            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data)
+            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
         )
         if topic in self._loop:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))

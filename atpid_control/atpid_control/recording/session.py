@@ -101,43 +101,45 @@ class RecordingSession:
         if not kind.has_header:
             self._write(topic, data, now_ns, now_ns)
             return 0
-        head = cdr.header(data)
-        if head.stamp_ns < 0:
+        stamp_ns, node = cdr.stamp(data), ""
+        if stamp_ns < 0:
             raise MessageError("its stamp is before 1970")
         if kind.has_handshake and cdr.is_handshake(data):
             return 0
-        missing = self._follow(kind, head, data)
+        if kind.type == EVENT:
+            node = self._follow_event(stamp_ns, data)
+        missing = self._follow(kind, stamp_ns, data)
         if not self._lockstep:
-            self._write(topic, data, now_ns, head.stamp_ns)
+            self._write(topic, data, now_ns, stamp_ns)
         else:
-            self.order.add(topic, head.stamp_ns, head.frame_id, data)
+            self.order.add(topic, stamp_ns, node, data)
             for held in self.order.ready():
                 self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         return missing
 
-    def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
-        """Follow the progress of the run; return how many scans are missing.
+    def _follow_event(self, stamp_ns: int, data: bytes) -> str:
+        """Take an event, and return its node. A run's end counts only from a source, where one announced its begin."""
+        kind, node = cdr.event(data)
+        if kind == EventKind.STARTED:
+            self._sources.add(node)
+        elif kind == EventKind.FINISHED and (not self._sources or node in self._sources):
+            self._finished = True
+            self._end_at(stamp_ns)
+        return node
 
-        A run's end counts only from a source, where one has announced its begin.
-        """
-        missing, reached, now = 0, head.stamp_ns, time.monotonic()
+    def _follow(self, topic: Topic, stamp_ns: int, data: bytes) -> int:
+        """Follow the progress of the run; return how many scans are missing."""
+        missing, reached, now = 0, stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = _checked(cdr.block_shape(data))
             self._sampled = self._sampled or now
             missing = self.continuity[topic.name].add(shape)
-            reached = _end_of(shape, head.stamp_ns)
+            reached = _end_of(shape, stamp_ns)
         elif topic.type == TRUTH:
-            reached = _end_of(_checked(cdr.truth_shape(data)), head.stamp_ns)
-        elif topic.type == EVENT:
-            kind = cdr.event_kind(data)
-            if kind == EventKind.STARTED:
-                self._sources.add(head.frame_id)
-            elif kind == EventKind.FINISHED and (not self._sources or head.frame_id in self._sources):
-                self._finished = True
-                self._end_at(head.stamp_ns)
+            reached = _end_of(_checked(cdr.truth_shape(data)), stamp_ns)
         if topic.in_loop:
             if not self._began:
-                self._began, self._first_ns = now, head.stamp_ns
+                self._began, self._first_ns = now, stamp_ns
             self._progress = now if topic.name in self.missing_topics() else self._progress
             self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
         return missing

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The few fields a recorder reads of a serialised message: stamp, frame_id and handshake in place, indices decoded.
+"""The few fields a recorder reads of a serialised message: stamp and handshake in place, the others decoded.
 
 Layout (XCDR1, little-endian, alignment counted after the 4-byte encapsulation header):
-stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters with a final zero from 16.
+stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters from 16.
 """
 
 import struct
@@ -16,15 +16,15 @@ from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError, MessageError
 from atpid_control.runs.topics import BLOCK, EVENT, TRUTH
 
-_HEADER = struct.Struct("<iII")
+_STAMP = struct.Struct("<iI")
 _LITTLE_ENDIAN = 1
 
 
-class Header(NamedTuple):
-    """A message's std_msgs/Header."""
+class Sent(NamedTuple):
+    """What kind of Event it is, and the node that published it."""
 
-    stamp_ns: int
-    frame_id: str
+    kind: str
+    node: str
 
 
 class BlockShape(NamedTuple):
@@ -35,13 +35,12 @@ class BlockShape(NamedTuple):
     scans: int
 
 
-def header(data: bytes) -> Header:
-    """Return stamp and frame_id of a message whose first field is a Header; raise MessageError for a big-endian one."""
+def stamp(data: bytes) -> int:
+    """Return the stamp [ns] of a message whose first field is a Header; raise MessageError for a big-endian one."""
     if data[1] & 1 != _LITTLE_ENDIAN:
         raise MessageError("it is big-endian; this recorder reads little-endian CDR only")
-    seconds, nanoseconds, length = _HEADER.unpack_from(data, 4)
-    frame_id = bytes(data[16 : 16 + max(0, length - 1)]).decode("utf-8", "replace")
-    return Header(seconds * 1_000_000_000 + nanoseconds, frame_id)
+    seconds, nanoseconds = _STAMP.unpack_from(data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 def is_handshake(data: bytes) -> bool:
@@ -64,9 +63,10 @@ def truth_shape(data: bytes) -> BlockShape:
     return BlockShape(truth.first_index, truth.rate, len(truth.support))
 
 
-def event_kind(data: bytes) -> str:
-    """Return the kind of an atpid_interfaces/msg/Event; raise MessageError for an invalid one."""
-    return str(_decoded(EVENT, data).kind)
+def event(data: bytes) -> Sent:
+    """Return kind and node of an atpid_interfaces/msg/Event; raise MessageError for an invalid one."""
+    decoded = _decoded(EVENT, data)
+    return Sent(str(decoded.kind), str(decoded.node))
 
 
 def _decoded(kind: str, data: bytes) -> Any:

@@ -18,6 +18,9 @@ _CDR = (b"\x00\x00", b"\x00\x01")
 _PADDING = 7
 
 
+#: What messages carried as `header.frame_id` before version 1.1: their device or node, by their type.
+_MOVED = {f"atpid_interfaces/msg/{name}": field for name, field in
+          {"SampleBlock": "device", "Excitation": "device", "Event": "node"}.items()}  # fmt: skip
 #: Longest definition [bytes]; those of ROS with all they contain have some thousand.
 _MOST_BYTES = 100_000
 
@@ -39,6 +42,7 @@ class Decoder:
     def __init__(self) -> None:
         self._stores: dict[int, Any] = {}
         self._schemas: dict[int, Schema] = {}
+        self.moved: dict[int, str] = {}  # by schema, the field that is taken from `header.frame_id`
         self._fields: dict[str, Any] = {}  # of each type, the first definition of it
 
     def add(self, schema: Schema) -> None:
@@ -56,6 +60,9 @@ class Decoder:
             reason = " ".join(str(error).split())[:80] or type(error).__name__
             raise BagError(f"the definition of {schema.name[:80]!r} cannot be read ({reason})") from None
         self._schemas[schema.id], self._stores[schema.id] = schema, store
+        moved = _MOVED.get(schema.name, "")
+        if moved and moved not in self.fields(schema.name, schema.id):
+            self.moved[schema.id] = moved
 
     def name(self, schema_id: int) -> str:
         """Return the message type of a schema; raise BagError where the bag does not have it."""
@@ -67,9 +74,13 @@ class Decoder:
         """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
         name = self.name(schema_id)
         try:
-            return _deserialised(data, name, self._stores[schema_id])
+            message = _deserialised(data, name, self._stores[schema_id])
+            if schema_id in self.moved:
+                setattr(message, self.moved[schema_id], message.header.frame_id)
+                message.header.frame_id = ""
         except Exception as error:  # the generated code raises many types of errors for damaged bytes
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
+        return message
 
     def definition_of(self, schema_id: int) -> bytes:
         """Return the definition of one schema."""
@@ -145,7 +156,9 @@ class Converter:
         """Collect what differs in the type `name`, which stands at `path` of the message."""
         recorded = self._recorded.fields(name)
         installed = self._installed[name]
-        self.missing += [f"{path}{field}" for field in installed if field not in recorded]
+        self.missing += [
+            f"{path}{field}" for field in installed if field not in recorded and field != _MOVED.get(name)
+        ]
         self.dropped += [f"{path}{field}" for field in recorded if field not in installed]
         for field, described in installed.items():
             if field not in recorded:

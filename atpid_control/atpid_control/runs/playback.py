@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.vocabulary import DRIVES
-from atpid_control.runs.cdr import block_shape, header
+from atpid_control.runs.cdr import block_shape, stamp
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.decode import Converter
 from atpid_control.runs.definitions import message_type
@@ -116,8 +116,8 @@ def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
 
 
 def _last_sample(data: bytes) -> int | None:
-    shape, stamp = block_shape(data), header(data).stamp_ns
-    return stamp + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
+    shape = block_shape(data)
+    return stamp(data) + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
 
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.

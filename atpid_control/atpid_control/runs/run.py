@@ -72,7 +72,7 @@ class RunEvent:
     time: float  # [s]
     severity: int  # 0 info, 1 warning, 2 alarm
     kind: str
-    source: str  # the node
+    node: str
     text: str
     count: int = 1  # how many times in a row
 
@@ -264,7 +264,7 @@ class Run(Shown):
     def all_events(self) -> list[RunEvent]:
         """Every event, whenever its stamp says it was."""
         fields = self.messages("Event")
-        columns = (fields.get(name, np.zeros(0)) for name in (TIME, "severity", "kind", "source", "text"))
+        columns = (fields.get(name, np.zeros(0)) for name in (TIME, "severity", "kind", "node", "text"))
         return [RunEvent(float(time), int(severity), *texts) for time, severity, *texts in zip(*columns, strict=True)]
 
     @cached_property
@@ -281,7 +281,7 @@ class Run(Shown):
     def faults(self, begin: float, end: float) -> list[str]:
         """Return a line for each fault that was reported from `begin` to `end` [s]."""
         return [
-            f"fault at {event.time:.4g} s, {event.source}: {event.text}; choose a part without it with --from and --to"
+            f"fault at {event.time:.4g} s, {event.node}: {event.text}; choose a part without it with --from and --to"
             for event in self.all_events
             if event.kind == EventKind.FAULT and begin <= event.time <= end
         ]

@@ -63,7 +63,7 @@ class Segments:
         """Return the segment of a block that `message_checks` lets pass, or why it has none."""
         first, scans, stamp = int(block.first_index), scans_of(block), stamp_of(block)
         named = (tuple(getattr(block, name, ())) for name in ("channels", "units", "skew"))
-        layout = (float(block.rate), block.header.frame_id, *named)
+        layout = (float(block.rate), getattr(block, "device", ""), *named)
         before = self._last
         known = [*([before] if before else []), *reversed(self.all)]
         segment = next((one for one in known if one.goes_on(layout, first, stamp, one is before)), None)

@@ -232,7 +232,7 @@ class _Samples:
             skew = float(block.skew[place]) if place < len(block.skew) else 0.0
             free = name if name not in taken else f"{name}_{place}"
             taken.add(free)
-            yield Column(free, unit, f"channel {name} of {block.header.frame_id}", skew=skew)
+            yield Column(free, unit, f"channel {name} of {block.device}", skew=skew)
 
 
 def _stamps(begin_ns: int, after: Any, step: float) -> Any:

@@ -142,12 +142,14 @@ class Leaf:
 
 
 def leaves(decoder: Decoder, schema_id: int, known: dict[str, tuple[str, str]]) -> list[Leaf]:
-    """Return the columns of a message type, without header and handshake; the header's `frame_id` is `source`.
+    """Return the columns of a message type, without header and handshake.
 
     known: unit and comment of its fields, as `comments` returns them.
     """
     fields = partial(decoder.fields, schema_id=schema_id)
-    return list(_leaves(fields, decoder.name(schema_id), known, ()))
+    moved = [decoder.moved[schema_id]] if schema_id in decoder.moved else []
+    found = [Leaf((name,), Column(name, "", "as published", TEXT)) for name in moved]
+    return [*found, *_leaves(fields, decoder.name(schema_id), known, ())]
 
 
 def has_header(decoder: Decoder, schema_id: int) -> bool:
@@ -162,8 +164,7 @@ def _leaves(
         unit, text = known.get((*path, name)[0], ("", ""))
         place = (*path, name)
         if not path and name == "header" and described == _HEADER:
-            source = Column("source", "", "node or device that published it", TEXT)
-            yield Leaf(("header", "frame_id"), source)
+            yield Leaf(("header", "frame_id"), Column("frame", "", "what the values belong to", TEXT))
         elif not path and name == _HANDSHAKE:
             continue
         elif kind == Nodetype.NAME:

@@ -130,7 +130,7 @@ def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
 def changes_while_running(bag: Bag) -> list[str]:
     """Return, one a line, which parameters were changed during the run: a replay keeps the values of its start."""
     return [
-        f"{event.header.frame_id}: changed during the run, which is not replayed: {event.text}"
+        f"{event.node}: changed during the run, which is not replayed: {event.text}"
         for _, event in bag.of_kind("Event")
         if event.kind == EventKind.PARAMETER
     ]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common.errors import extras
 from atpid_driver.acquisition import errors
 from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
 from atpid_driver.acquisition.settings import LabJackSettings
@@ -54,15 +55,13 @@ def load_ljm(path: str = "") -> Any:
     try:
         if path:
             ctypes.CDLL(path)
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), extras("LabJack", errors.LibraryMissingError):
             module: Any = importlib.import_module("labjack.ljm.ljm")
         if module._staticLib is None:
             module._staticLib = ctypes.CDLL("libLabJackM.so")
     except OSError as error:
         detail = f" (tried {path!r}: {error})" if path else ""
         raise errors.LibraryMissingError(MISSING_LIBRARY + detail) from None
-    except ImportError:
-        raise errors.LibraryMissingError("the package labjack-ljm is not installed: pip install labjack-ljm") from None
     return module
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common.errors import extras
 from atpid_driver.acquisition import errors
 from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
 from atpid_driver.acquisition.settings import Channel, NiSettings
@@ -38,10 +39,8 @@ HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
 
 def load_nidaqmx(path: str = "") -> Any:
     """Return the package `nidaqmx`; with `path`, it loads NI's library from there instead of searching."""
-    try:
+    with extras("NI module", errors.LibraryMissingError):
         package = importlib.import_module("nidaqmx")
-    except ImportError:
-        raise errors.LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
     if path:
         loader: Any = importlib.import_module("nidaqmx._lib")
         loader.find_library = lambda _name: path
@@ -138,7 +137,8 @@ class NiAcquisition(Device):
         if not self._settings.grpc:
             return None
         if self._link is None:
-            import grpc  # here: only a module on another PC needs it
+            with extras("NI module on another PC", errors.LibraryMissingError):
+                import grpc
 
             self._link = grpc.insecure_channel(self._settings.grpc)
         return self._nidaqmx.GrpcSessionOptions(self._link, "")

@@ -177,7 +177,7 @@ class AcquisitionNode(DeviceNode):
         text = f"{self._identity} streams {len(channels)} channels at {rate:g} Hz"
         self._events.publish(Event.INFO, Event.STARTED, text, stamp=stamp)
         message = SampleBlock(rate=rate, channels=list(channels), units=self._units, skew=skew)
-        message.header.frame_id = str(self._identity)
+        message.header.frame_id, message.device = self._settings["frame_id"], str(self._identity)
         return message
 
     @property

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Entry, ParameterError, declare
+from atpid_common.vocabulary import Frame
 from atpid_driver.acquisition import AcquisitionSettings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
@@ -23,6 +24,7 @@ _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPE
 
 COMMON = (
     Entry("topic", "sensors/acquisition", "where the blocks are published"),
+    Entry("frame_id", Frame.STAND, "what the sensors are fixed to: stand, support, beam or ceiling"),
     Entry("in_loop", False, "whether the loop answers this topic's handshake"),
     Entry("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
     Entry("rate", TYPES.DOUBLE, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0),

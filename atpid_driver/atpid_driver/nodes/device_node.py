@@ -80,10 +80,13 @@ class DeviceNode(LifecycleNode):
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
         """Refuse an impossible request from anywhere in the ROS domain; rclpy's exception would end the node."""
+        asked = request.transition.label or f"number {request.transition.id}"
         try:
-            return super()._LifecycleNodeMixin__on_change_state(request, response)
+            answer = super()._LifecycleNodeMixin__on_change_state(request, response)
+            if answer.success:
+                self.get_logger().info(f"transition {asked} on request: now {self._state_machine.current_state[1]}")
+            return answer
         except rclpy_implementation.RCLError:
-            asked = request.transition.label or f"number {request.transition.id}"
             state = self._state_machine.current_state[1]
             self.get_logger().warning(f"transition {asked} refused: impossible in the state {state}")
             response.success = False

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STEADY
 from atpid_common.nodes.parameters import Entry
+from atpid_common.vocabulary import Frame
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import load
 from atpid_driver.standins.outputs import Outputs
@@ -47,7 +48,7 @@ class EmulatedExciter:
     def _publish(self) -> None:
         amplitude, frequency, volts = self._level() if self._disc else self._tone()
         running = ExcitationState.RUNNING if amplitude else ExcitationState.OFF
-        header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self._node.get_name())
+        header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=Frame.SUPPORT)
         self._states.publish(ExcitationState(
             header=header, mode=running, amplitude=amplitude, frequency=frequency, output=volts))  # fmt: skip
 

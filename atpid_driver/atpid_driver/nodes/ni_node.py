@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from atpid_common.nodes.node_main import run_node
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Frame
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 
 
@@ -15,7 +16,7 @@ class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "nidaqmx", "topic": "sensors/accelerometer"}
+    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "nidaqmx", "topic": "sensors/accelerometer", "frame_id": Frame.BEAM}
 
 
 main = partial(run_node, NiNode, priority=LOOP_PRIORITY)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, did_you_mean, one_line
+from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, did_you_mean, extras, one_line
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -72,7 +72,8 @@ def guarded(command: Callable[[], int]) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         try:
-            status = command()
+            with extras():
+                status = command()
         except KeyboardInterrupt as interrupt:
             print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
             status = INTERRUPTED

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that are reported to the user in one line instead of a traceback, and the hint at a mistyped word."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 DONE, BROKEN_PIPE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses of commands and nodes. 1 after a broken pipe is what the Python documentation advises."""
@@ -39,6 +40,29 @@ class AtpidError(Exception):
 
 class InputError(AtpidError, ValueError):
     """Bad input: the text states what was given, what is allowed and what to do."""
+
+
+#: Libraries that a distribution of ROS does not bring, or only older ones of: what pip calls them, by module.
+EXTRAS = {
+    "distributed": "distributed", "foxglove": "foxglove-sdk", "grpc": "grpcio", "h5py": "h5py",
+    "labjack": "labjack-ljm", "matplotlib": "matplotlib", "mcap": "mcap", "nidaqmx": "nidaqmx[grpc]", "nptdms": "npTDMS", "plotly": "plotly",
+    "pyarrow": "pyarrow", "pydantic": "pydantic>=2", "pyuff": "pyuff", "rosbags": "rosbags", "shtab": "shtab",
+    "xarray": "xarray", "zstandard": "zstandard",
+}  # fmt: skip
+
+
+@contextmanager
+def extras(purpose: str = "", error: type[AtpidError] = InputError) -> Iterator[None]:
+    """Raise `error` in one line, which names what to install, where a library of `EXTRAS` cannot be imported."""
+    try:
+        yield
+    except ImportError as missing:
+        module = (missing.name or "").partition(".")[0]
+        if module not in EXTRAS:
+            raise
+        library = EXTRAS[module]
+        text = f"{purpose}{': ' * bool(purpose)}needs {library}, which is not installed: pip install '{library}'"
+        raise error(text) from None
 
 
 class NumericalError(AtpidError, ArithmeticError):

@@ -9,7 +9,7 @@ import sys
 from types import FrameType
 from typing import Any
 
-from atpid_common.errors import DONE
+from atpid_common.errors import DONE, AtpidError, extras
 
 #: What asks a process to end. SIGHUP: the terminal was closed or the connection to it broke, while a motor may move.
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -74,9 +74,13 @@ def run_executable(module: str) -> int:
         try:
             if interrupt.received:
                 return DONE
-            loaded = importlib.import_module(module)
+            with extras():
+                loaded = importlib.import_module(module)
             # the exception is lost where it is raised in a callback of the interpreter, such as a finaliser
             return DONE if interrupt.received else int(loaded.main())
+        except AtpidError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return error.status
         except BaseException:
             # a library that is being loaded may turn KeyboardInterrupt into an error of its own
             if interrupt.received:

@@ -7,6 +7,7 @@ alone is tested as in the whole repository.
 
 import os
 import random
+import signal
 import socket
 import threading
 import time
@@ -44,6 +45,12 @@ LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkse
 END_TIMEOUT = 60.0  # [s] for a thread or process to end, on a busy machine
 
 
+def check_notices(package: Path) -> None:
+    """Fail where ament_copyright does; skip where there is none."""
+    linter = pytest.importorskip("ament_copyright.main", reason="no ament_lint here")
+    assert linter.main(argv=[str(package)]) == 0
+
+
 def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
     """Keep the plugins of a ROS installation out; pytest calls this before it loads any of them."""
     for name in FOREIGN_PLUGINS:
@@ -53,6 +60,9 @@ def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Apply the settings that are the same for all packages."""
+    for number in (signal.SIGHUP, signal.SIGINT):  # of which `nohup` and a background job let programs ignore one
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL if number == signal.SIGHUP else signal.default_int_handler)
     for line in WARNINGS:
         config.addinivalue_line("filterwarnings", line)
     config.addinivalue_line("markers", SLOW)

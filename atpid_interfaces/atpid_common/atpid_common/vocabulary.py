@@ -94,6 +94,15 @@ class RunState(IntEnum):
     SHUTDOWN = 5
 
 
+class Frame:
+    """Frames of `header.frame_id` (REP 105), z up: the stand's origin is the container's floor at rest; the others move."""
+
+    STAND: Final = "stand"
+    SUPPORT: Final = "support"
+    BEAM: Final = "beam"
+    CEILING: Final = "ceiling"
+
+
 class EventKind:
     """Event.kind."""
 

@@ -109,7 +109,7 @@ def test_silence_and_its_end_are_events_and_in_the_diagnostics_at_once(stand: St
     stand.send()
     stand.until(lambda: stand.events)
     (stale,) = stand.events
-    assert (stale.kind, stale.severity, stale.header.frame_id) == (Event.STALE, Event.ALARM, "supervised")
+    assert (stale.kind, stale.severity, stale.node) == (Event.STALE, Event.ALARM, "supervised")
     assert stale.value >= TIMEOUT
     assert stale.text == f"no message on estimates for {stale.value:.2f} s: nothing is controlled"
     stand.until(lambda: any(status.level == DiagnosticStatus.STALE for status in stand.statuses))

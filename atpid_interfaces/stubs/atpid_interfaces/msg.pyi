@@ -75,9 +75,10 @@ class Event:
     NOTE: Final = "note"
     PARAMETER: Final = "parameter"
     HANDSHAKE: Final = "handshake"
-    def __init__(self, *, header: Header = ..., handshake: bool = ..., severity: int = ..., kind: str = ..., value: float = ..., text: str = ...) -> None: ...
+    def __init__(self, *, header: Header = ..., handshake: bool = ..., node: str = ..., severity: int = ..., kind: str = ..., value: float = ..., text: str = ...) -> None: ...
     header: Header
     handshake: bool
+    node: str
     severity: int
     kind: str
     value: float
@@ -91,9 +92,10 @@ class Excitation:
     POOR: Final = 3
     SUPPORT: Final = 0
     BEAM: Final = 1
-    def __init__(self, *, header: Header = ..., handshake: bool = ..., last_index: int = ..., quality: int = ..., origin: int = ..., changed: bool = ..., amplitude: float = ..., amplitude_std: float = ..., frequency: float = ..., frequency_std: float = ..., phase: float = ..., phase_std: float = ..., offset: float = ..., window: float = ..., residual: float = ..., harmonics: float = ..., used: int = ..., lost: int = ..., beam_amplitude: float = ...) -> None: ...
+    def __init__(self, *, header: Header = ..., handshake: bool = ..., device: str = ..., last_index: int = ..., quality: int = ..., origin: int = ..., changed: bool = ..., amplitude: float = ..., amplitude_std: float = ..., frequency: float = ..., frequency_std: float = ..., phase: float = ..., phase_std: float = ..., offset: float = ..., window: float = ..., residual: float = ..., harmonics: float = ..., used: int = ..., lost: int = ..., beam_amplitude: float = ...) -> None: ...
     header: Header
     handshake: bool
+    device: str
     last_index: int
     quality: int
     origin: int
@@ -205,9 +207,10 @@ class RecorderStatus:
 
 
 class SampleBlock:
-    def __init__(self, *, header: Header = ..., handshake: bool = ..., first_index: int = ..., rate: float = ..., dropped: int = ..., backlog: int = ..., channels: Sequence[str] = ..., units: Sequence[str] = ..., skew: Sequence[float] = ..., data: Sequence[float] = ...) -> None: ...
+    def __init__(self, *, header: Header = ..., handshake: bool = ..., device: str = ..., first_index: int = ..., rate: float = ..., dropped: int = ..., backlog: int = ..., channels: Sequence[str] = ..., units: Sequence[str] = ..., skew: Sequence[float] = ..., data: Sequence[float] = ...) -> None: ...
     header: Header
     handshake: bool
+    device: str
     first_index: int
     rate: float
     dropped: int

@@ -6,13 +6,14 @@ from atpid_interfaces.msg import PlantTruth, SampleBlock
 
 from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import doubles, nanoseconds_of, time_of
+from atpid_common.vocabulary import Frame
 from atpid_sim.plant.stream import DeviceBlock, StreamBlock, stamp_ns
 
 
-def sample_block(reading: DeviceBlock, start_ns: int, frame_id: str, shift_ns: int = 0) -> SampleBlock:
+def sample_block(reading: DeviceBlock, start_ns: int, device: str, shift_ns: int = 0) -> SampleBlock:
     """Return one device's readings as its message; `shift_ns`: by how much a faulty clock's stamp is off."""
-    message = SampleBlock()
-    _stamp(message, reading, start_ns, frame_id)
+    message = SampleBlock(device=f"plant:{device}")
+    _stamp(message, reading, start_ns, Frame.BEAM if device == "accelerometer" else Frame.STAND)
     if shift_ns:
         message.header.stamp = time_of(max(0, nanoseconds_of(message.header.stamp) + shift_ns))
     message.channels = list(reading.instrument.channels)
@@ -30,10 +31,10 @@ def handshake_truth(height: float) -> PlantTruth:
     return truth
 
 
-def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTruth:
+def truth_message(block: StreamBlock, start_ns: int) -> PlantTruth:
     """Return the true motion and energies of one block."""
     message, truth = PlantTruth(), block.truth
-    _stamp(message, block.readings[0], start_ns, frame_id)
+    _stamp(message, block.readings[0], start_ns, Frame.STAND)
     for name in ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
                  "ceiling_work", "stored_energy"):  # fmt: skip
         setattr(message, name, float(getattr(truth, name)))

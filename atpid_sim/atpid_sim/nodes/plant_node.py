@@ -257,8 +257,8 @@ class PlantNode(Node):
             self._awaited = self._answered_stamp(block)
         for reading in block.readings:
             device, shift = reading.instrument.device, self._shift(reading)
-            self._sensors[device].publish(sample_block(reading, self._start_ns, f"plant:{device}", shift))
-        self._truth.publish(truth_message(block, self._start_ns, "plant"))
+            self._sensors[device].publish(sample_block(reading, self._start_ns, device, shift))
+        self._truth.publish(truth_message(block, self._start_ns))
         if self.stream.finished and not self._lockstep:
             self._end(Event.INFO, DONE, self._summary())
 

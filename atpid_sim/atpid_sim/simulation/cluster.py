@@ -9,7 +9,7 @@ import importlib
 from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeVar
 
-from atpid_common.errors import InputError
+from atpid_common.errors import InputError, extras
 
 #: How long a scheduler may take to answer [s].
 _CONNECT_TIMEOUT = 10.0
@@ -30,10 +30,8 @@ def on_cluster(
     Raises ClusterError where dask is not installed, no scheduler answers, or every worker that tried a job has exited;
     what `work` raises is raised here. Jobs that wait when the caller ends are cancelled.
     """
-    try:
+    with extras("--cluster", ClusterError):
         distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise ClusterError("--cluster needs Dask: pip install 'dask[distributed]', or leave the option out") from None
     try:
         client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

@@ -204,7 +204,7 @@ def _messages(topic: str, grid: Grid, group: list[_Channel], invalid: Counter[st
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
     block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
     fixed = {"channels": [one.name for one in group], "units": [one.unit for one in group], "backlog": 0,
-             "skew": np.zeros(len(group)), "rate": grid.rate, "handshake": False}  # fmt: skip
+             "skew": np.zeros(len(group)), "rate": grid.rate, "handshake": False, "device": "import"}  # fmt: skip
     scans = max(_SCANS, round(grid.rate / _BLOCKS))
     piece = scans * max(1, PIECE // scans)
     for (row, index), (until, _) in pairwise([(0, 0), *grid.jumps, (grid.rows, 0)]):
@@ -218,7 +218,7 @@ def _messages(topic: str, grid: Grid, group: list[_Channel], invalid: Counter[st
             for part in range(0, len(values), scans):
                 first = index + begin - row + part
                 stamp = grid.start_ns + round(first / grid.rate * 1e9)
-                at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="import")
+                at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
                 data = values[part : part + scans].ravel()
                 message = block(header=at, first_index=first, dropped=index - row, data=data, **fixed)
                 yield stamp, topic, bytes(store.serialize_cdr(message, BLOCK))

@@ -30,6 +30,7 @@ from rclpy.task import Future
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, STATUS, STEADY
 from atpid_common.nodes.node_main import command_node
+from atpid_common.vocabulary import Frame
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.nodes.composition import QUIET, BenchWatch
@@ -98,7 +99,8 @@ class CampaignWatch(BenchWatch):
             self.received.append(message)
 
     def _command(self) -> None:
-        self._asked.header.stamp = self.get_clock().now().to_msg()
+        header = self._asked.header
+        header.stamp, header.frame_id = self.get_clock().now().to_msg(), Frame.SUPPORT
         self._commands.publish(self._asked)
 
 

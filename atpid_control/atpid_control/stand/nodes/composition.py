@@ -207,7 +207,7 @@ class BenchWatch(Node):
             client.call_async(Trigger.Request()).add_done_callback(_answered)
 
     def _on_followed(self, message: Any) -> None:
-        if isinstance(message, Event) and message.kind == Event.STARTED and message.header.frame_id == "plant_node":
+        if isinstance(message, Event) and message.kind == Event.STARTED and message.node == "plant_node":
             self._begun = nanoseconds_of(message.header.stamp) * 1e-9
         moment = time.time() - self._begun
         assert self._follow is not None

@@ -15,7 +15,7 @@ from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES
 from atpid_common.nodes.node_main import TURN, command_node
-from atpid_common.vocabulary import ExciterMode
+from atpid_common.vocabulary import ExciterMode, Frame
 from atpid_sim.scene import Scene, load_scene
 
 #: Between two commands; how long the excitation node may take to be found [s].
@@ -52,7 +52,8 @@ class Exciter(Node):
 
     def send(self) -> None:
         """Publish the command now."""
-        self._command.header.stamp = self.get_clock().now().to_msg()
+        header = self._command.header
+        header.stamp, header.frame_id = self.get_clock().now().to_msg(), Frame.SUPPORT
         self._commands.publish(self._command)
 
     def end(self) -> None:

@@ -115,7 +115,7 @@ class LiveView:
         del now
         with self._lock:
             stamp = _nanoseconds(event)
-            key = (stamp, event.header.frame_id, event.kind, event.text)
+            key = (stamp, event.node, event.kind, event.text)
             if key in self._seen_events:
                 return
             self._seen_events.append(key)
@@ -123,7 +123,7 @@ class LiveView:
                 self._state.finished = event.text or "the run is over"
             self._counted += 1
             shown = {
-                "number": self._counted, "at": stamp * 1e-9, "from": event.header.frame_id, "kind": event.kind,
+                "number": self._counted, "at": stamp * 1e-9, "from": event.node, "kind": event.kind,
                 "severity": Severity(event.severity).name.lower(), "text": event.text,
             }  # fmt: skip
             self._events.append(shown)

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from atpid_common.vocabulary import Frame
 from atpid_control.views.traces.records import MARKERS, TraceRecord, class_of, message
 
-#: The frame all markers are in: z is up, its origin the floor of the container at rest.
-FRAME = "stand"
 #: Width and thickness of the plates drawn, and the distance of the support below the floor [m]; not those of a stand.
 _WIDTH, _THICK, _BELOW = 0.06, 0.004, 0.1
 _CUBE, _SPHERE = 1, 2
@@ -52,7 +51,7 @@ def _marker(
     rgba, image = class_of("std_msgs/msg/ColorRGBA"), class_of("sensor_msgs/msg/CompressedImage")
     stamp, nothing = time(*divmod(time_ns, 1_000_000_000)), header(time(0, 0), "")
     return class_of("visualization_msgs/msg/Marker")(
-        header=header(stamp, FRAME), ns=name, id=number, type=shape, action=0,
+        header=header(stamp, Frame.STAND), ns=name, id=number, type=shape, action=0,
         pose=class_of("geometry_msgs/msg/Pose")(point(0.0, 0.0, z), turn(0.0, 0.0, 0.0, 1.0)),
         scale=class_of("geometry_msgs/msg/Vector3")(*size), color=rgba(*colour, 1.0),
         lifetime=class_of("builtin_interfaces/msg/Duration")(0, 0), frame_locked=False, points=[], colors=[],

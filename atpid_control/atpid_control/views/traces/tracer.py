@@ -106,7 +106,7 @@ class Tracer:
     def _Event(self, event: Any) -> Iterator[TraceRecord]:  # noqa: N802
         stamp = class_of("builtin_interfaces/msg/Time")(event.header.stamp.sec, event.header.stamp.nanosec)
         line = class_of(LOG)(
-            stamp=stamp, level=_LEVELS[event.severity], name=event.header.frame_id,
+            stamp=stamp, level=_LEVELS[event.severity], name=event.node,
             msg=f"{event.kind}: {event.text}", file="", function="", line=0,
         )  # fmt: skip
         yield message("log", stamp_of(event), LOG, line)

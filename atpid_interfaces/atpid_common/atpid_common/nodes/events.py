@@ -28,9 +28,8 @@ class EventPublisher:
         """
         if not self._node.context.ok():
             return
-        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event = Event(node=self._node.get_name(), severity=severity, kind=kind, value=value, text=text)
         event.header.stamp = stamp if stamp is not None else self._node.get_clock().now().to_msg()
-        event.header.frame_id = self._node.get_name()
         self.publisher.publish(event)
         logger = self._node.get_logger()
         if severity == Event.ALARM:  # three places: rclpy ties a severity to the place it is called from

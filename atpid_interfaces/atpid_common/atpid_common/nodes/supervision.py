@@ -51,7 +51,7 @@ class NodeMonitors:
 
     def on_event(self, event: Event) -> None:
         """Expect no further messages after the end of a run, which counts from a source that announced its begin."""
-        source = event.header.frame_id
+        source = event.node
         if event.kind == Event.STARTED:
             self._sources.add(source)
         elif event.kind == Event.FINISHED and (not self._sources or source in self._sources):
