@@ -9,7 +9,7 @@ import yaml
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
 from rewritten import BAG
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_typestore
 
@@ -114,9 +114,9 @@ def test_messages_that_rosbag2_has_compressed_are_read_and_files_named(
 ) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     kind = store.types["std_msgs/msg/String"]
-    for mode in (Rosbag2.CompressionMode.MESSAGE, Rosbag2.CompressionMode.FILE):
+    for mode in (CompressionMode.MESSAGE, CompressionMode.FILE):
         writer = Rosbag2(tmp_path / mode.name, version=9, storage_plugin=storage)
-        writer.set_compression(mode, Rosbag2.CompressionFormat.ZSTD)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
         with writer:
             connection = writer.add_connection("/a", "std_msgs/msg/String", typestore=store)
             writer.write(connection, 1, store.serialize_cdr(kind(data="b" * 1000), "std_msgs/msg/String"))
