@@ -235,7 +235,7 @@ def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
             yield f"{placed.name}: {run.lost} samples lost"
         if any(stage.reproducible is False for stage in placed.view.stages):
             yield f"{placed.name}: irregular motion: single runs differ (±), so that a difference may be chance"
-        if run.result.get("finished") != "yes" and not run.unread:
+        if run.result.get("finished", "yes") != "yes" and not run.unread:  # of another recorder that is not known
             yield f"{placed.name}: the recording ended before the run did"
     first, second = (placed.view.run.drive for placed in runs)
     if first is not second:

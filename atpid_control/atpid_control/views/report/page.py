@@ -166,7 +166,7 @@ def _facts(view: View) -> dict[str, str]:
         "clock": clock,
         "lost": f"{run.lost} scans of {len(run.measured.time)}, in {run.blocks} blocks",
         "answers": f"{len(run.estimates.time)} estimates, {len(run.commands.time)} commands",
-        "recording": "whole" if result.get("finished") == "yes" else "ended before the run did",
+        "recording": {"yes": "whole", "": "states no end"}.get(result.get("finished", ""), "ended before the run did"),
     }
 
 
