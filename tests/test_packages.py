@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 from catkin_pkg.packages import find_packages
-from atpid_common.errors import EXTRAS
 from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sources
+
+from atpid_common.errors import EXTRAS
 
 PYTHON_PACKAGES = [name for name in PACKAGES if name != "atpid_interfaces"]
 #: rosdep's keys for Ubuntu 24.04 (rosdistro/rosdep/python.yaml), by module; ROS packages have their own name.
