@@ -56,7 +56,7 @@ def manifest(package: str) -> ElementTree.Element:
 def declared(package: str, *kinds: str) -> set[str]:
     """Return the dependencies of these kinds, and what the comments name that rosdep does not know."""
     text = (folder_of(package) / "package.xml").read_text()
-    pip_only = [name for names in re.findall(r"<!-- No rosdep key .*: (.+)\. -->", text) for name in names.split(", ")]
+    pip_only = [name for names in re.findall(r"<!-- No rosdep key.*: (.+)\. -->", text) for name in names.split(", ")]
     return {str(tag.text) for kind in kinds for tag in manifest(package).iter(kind)} | set(pip_only)
 
 
