@@ -80,11 +80,12 @@ coverage: setup ## run the tests with coverage.py: table on the screen, pages in
 figures: setup ## make every picture of README and docs again (a few minutes)
 	@. ros2_ws/activate || exit 2; set -e; \
 	atpid bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
-	atpid bag report bags/thesis_4_3_short --out out/mechanism; cp out/mechanism/grain.png docs/figures/mechanism.png; \
+	atpid bag report bags/thesis_4_3_short --out out/mechanism; cp out/mechanism/grain.png docs/figures/grain.png; \
 	python -m studies figures free_decay --out docs/figures; \
 	python -m studies figures contact --out docs/figures; \
 	python -m studies figures speed --out docs/figures; \
 	python -m studies figures stand --out docs/figures; \
+	python -m studies figures mechanism --out docs/figures; \
 	python tests/tutorial.py; \
 	python -m studies figures identification --out docs/figures; \
 	python -m studies figures selection --out docs/figures; \
@@ -140,8 +141,20 @@ parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB
 	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/parquet.txt
 
 .PHONY: import
-import: setup ## install what `atpid bag import` needs for TDMS and MATLAB 7.3 (docs/reading.md)
+import: setup ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/reading.md)
 	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/import.txt
+
+.PHONY: docs
+docs: docs-packages ## build the site of docs/ in out/docs/VERSION, the tag or `development`, beside those built before
+	@$(IN_WORKSPACE) version=$$(git describe --tags --exact-match 2> /dev/null || echo development); \
+	env ATPID_DOCS_VERSION=$$version PYTHONPATH=.venv/docs:$$PYTHONPATH \
+	    python -m sphinx --fail-on-warning -q -c docs . out/docs/$$version && echo "the site: out/docs/index.html"
+
+# In a folder of their own: Sphinx needs an older docutils than the other packages.
+.PHONY: docs-packages
+docs-packages: setup ## install what `make docs` builds the site with, 95 MB, into .venv/docs
+	@cmp -s ros2_ws/requirements/docs.txt .venv/docs/docs.txt || { rm -rf .venv/docs && .venv/bin/python -m pip install -q \
+	    --no-deps --require-hashes --target .venv/docs -r ros2_ws/requirements/docs.txt && cp ros2_ws/requirements/docs.txt .venv/docs; }
 
 .PHONY: browser
 browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)

@@ -44,6 +44,11 @@ PACKAGES = (
     "atpid_interfaces/atpid_interfaces", "atpid_interfaces/atpid_common", "atpid_sim", "atpid_driver", "atpid_control",
 )  # fmt: skip
 LOG = WORKSPACE / "setup.log"
+# Two programs that take as long as each other: the kernels of the plant, and those of the identification.
+KERNELS = tuple(
+    f"from atpid_control.commands import bench; bench.compile_kernels('scenes/thesis_4_3.yaml', {identifier!r})"
+    for identifier in (None, "atpid_control/config/identifier.yaml")
+)
 
 # The lock is complete. An older pip that resolves dependencies again fails on a package that needs another one with an
 # extra as soon as that has a newer release: it takes the newest, which the lock has no hash of.
@@ -147,7 +152,9 @@ def make_environment(python: Interpreter, ros: Ros) -> None:
 def uv_settings(environment: dict[str, str]) -> dict[str, str]:
     """Return uv's variables for the package index that pip is set up for: uv does not read pip's files."""
     settings = {"VIRTUAL_ENV": str(VENV), "UV_INDEX_STRATEGY": "unsafe-best-match"}  # hashes decide what is right
-    names = {"index-url": "UV_DEFAULT_INDEX", "extra-index-url": "UV_INDEX", "cert": "SSL_CERT_FILE"}
+    names = {
+        "index-url": "UV_DEFAULT_INDEX", "extra-index-url": "UV_INDEX", "cert": "SSL_CERT_FILE", "proxy": "ALL_PROXY",
+    }  # fmt: skip
     for line in output_of([str(VENV / "bin/python"), "-m", "pip", "config", "list"], environment).splitlines():
         name, _, value = line.partition("=")
         given = value.strip("'\"")
@@ -183,8 +190,37 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
     python = VENV / "bin/python"
     command: list[str | Path] = [python, "-m", "colcon", "build", "--symlink-install", "--base-paths", "src"]
     arguments = ["--cmake-args", f"-DPython3_EXECUTABLE={python}", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=Release"]
-    with step("building the workspace (half a minute the first time)" if fresh else "building what changed"):
-        run([*command, *arguments], "colcon build", environment, WORKSPACE)
+    arguments.append(f"-DATPID_PYTHON_ONLY={'ON' if ros.source == 'wheels' else 'OFF'}")
+    if fresh:
+        with step("building the workspace and its kernels (a minute the first time)"), kernels_beside(environment):
+            run([*command, *arguments], "colcon build", environment, WORKSPACE)
+    else:
+        with step("building what changed"):
+            run([*command, *arguments], "colcon build", environment, WORKSPACE)
+
+
+@contextmanager
+def kernels_beside(environment: dict[str, str]) -> Iterator[None]:
+    """Compile the bench's kernels meanwhile, which needs no built workspace; the user's cache keeps them."""
+    sources = [str(ROOT / package) for package in PACKAGES[1:]]
+    paths = os.pathsep.join(filter(None, [*sources, environment.get("PYTHONPATH")]))
+    given = environment | {"PYTHONPATH": paths, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    quiet = subprocess.DEVNULL
+    running = {
+        code: subprocess.Popen(
+            [VENV / "bin/python", "-c", code], stdout=quiet, stderr=quiet, env=given, cwd=ROOT, close_fds=False
+        )
+        for code in KERNELS
+    }
+    try:
+        yield
+        failed = [code for code, process in running.items() if process.wait() != 0]
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait()
+    for code in failed:  # alone, since two may have been too much for the memory; and its reason goes into the log
+        run([VENV / "bin/python", "-c", code], "compiling the kernels", given)
 
 
 def set_up(requested: str | None) -> None:

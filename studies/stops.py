@@ -36,7 +36,7 @@ STEP = 0.001
 ON_WIRE, OFF = 0.030, 0.200
 #: How long the stand is watched after a stop [s].
 WATCHED = 0.5
-_SETTINGS = MotorSettings("serial", 0.017, 1.0, 0.3, port="emulated", identify_timeout=3.0)
+_SETTINGS = MotorSettings(backend="serial", lowest=0.017, highest=1.0, speed=0.3, port="emulated", identify_timeout=3.0)
 #: By the firmware's heartbeat, where no frame passes to the board [s].
 BY_HEARTBEAT = 0.500
 

@@ -58,7 +58,7 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         until(phone, "live.pictures > 10")
         phone.screenshot(path=folder / "phone.png", full_page=True)
         width = phone.evaluate("document.documentElement.scrollWidth")
-        on_phone = pictures(phone, seconds)
+        on_phone, findings = pictures(phone, seconds), wrong(phone)
         phone.close()
         seen = {"pictures": [pictures(desktop, seconds), on_phone], "phone_width": width, "errors": errors}
         desktop.keyboard.press("Tab")
@@ -68,23 +68,28 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         until(desktop, "live.answer")
         seen["note"] = desktop.evaluate("live.answer.words")
         until(desktop, "document.getElementById('events').textContent.includes('seen in a browser')")
-        found = Axe().run(desktop).response["violations"]
-        seen["findings"] = [f"{one['id']}: {one['impact']}" for one in found]
-        seen["serious"] = [one["id"] for one in found if one["impact"] in ("serious", "critical")]
+        findings += wrong(desktop)
         seen["texts"] = texts(desktop)
         desktop.screenshot(path=folder / "desktop.png", full_page=True)
         dark = browser.new_page(viewport=DESKTOP, color_scheme="dark")
         dark.goto(url)
         until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")
-        found = Axe().run(dark).response["violations"]
-        seen["serious"] += [f"dark: {one['id']}" for one in found if one["impact"] in ("serious", "critical")]
         dark.screenshot(path=folder / "dark.png", full_page=True)
+        for size in (PHONE, DESKTOP):
+            dark.set_viewport_size(size)
+            findings += [f"dark: {one}" for one in wrong(dark)]
         seen["running"] = look(dark)
         dark.click("#stop")
         until(dark, "live.answer && live.state.motor.mode === 'disarmed'")
+        seen["findings"] = findings
         seen["stopped"] = look(dark) | {"answer": dark.text_content("#answer")}
         browser.close()
         return seen
+
+
+def wrong(page: Any) -> list[str]:
+    """Return what axe finds on the page."""
+    return [f"{one['id']}: {one['impact']}" for one in Axe().run(page).response["violations"]]
 
 
 def look(page: Any) -> dict[str, Any]:

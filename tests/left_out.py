@@ -16,6 +16,7 @@ ALLOWED = {
     "no ament_lint here": "the wheels of ROS 2 have none",
     "pyarrow is missing": "`make parquet` needs a network",
     "installs from the package index": "`make wheel` needs a network, and every Python it is tried on",
+    "Sphinx is missing": "`make docs-packages` needs a network",
     "npTDMS or h5py is missing": "`make import` needs a network",
     "takes the rights of root away": "CI may run as an ordinary user",
     "a network of its own needs root": "CI may run as an ordinary user",

@@ -16,7 +16,8 @@ SCREENS: Any = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 39
 #: Texts of the charts that leave the screen, and names of curves that stand within the panels.
 MISPLACED = """() => {
   const box = (item) => item.getBoundingClientRect();
-  const shown = [...document.querySelectorAll(".annotation-text, .xtick text, .ytick text")];
+  const texts = ".annotation-text, .xtick text, .ytick text, .panels text, .sketch text";
+  const shown = [...document.querySelectorAll(texts)];
   const outside = shown.filter((item) => box(item).left < 0 || box(item).right > innerWidth);
   const panels = [...document.querySelectorAll(".bglayer .bg")].map(box);
   const meet = (a, b) => a.left < b.right && a.right > b.left && a.top < b.bottom && a.bottom > b.top;
@@ -41,6 +42,13 @@ def visited(*pages: Path) -> dict[str, list[str]]:
     return found
 
 
+def errors_of(page: Any) -> list[str]:
+    """Return a list to which errors of the page's scripts are appended."""
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    return errors
+
+
 def main(chromium: str, *pages: str) -> None:
     """Print what is wrong with each page."""
     from axe_playwright_python.sync_playwright import Axe
@@ -53,11 +61,12 @@ def main(chromium: str, *pages: str) -> None:
             for screen, size in SCREENS.items():
                 for scheme in ("light", "dark"):
                     page = browser.new_page(viewport=size, color_scheme=scheme)
+                    errors = errors_of(page)
                     page.goto(Path(name).resolve().as_uri())
                     wrong = [one["id"] for one in Axe().run(page).response["violations"]]
                     if page.evaluate("document.documentElement.scrollWidth") > size["width"]:
                         wrong.append("scrolls sideways")
-                    found[f"{Path(name).name} {screen} {scheme}"] = wrong + page.evaluate(MISPLACED)
+                    found[f"{Path(name).name} {screen} {scheme}"] = wrong + page.evaluate(MISPLACED) + errors
                     page.close()
         browser.close()
     print(json.dumps(found))

@@ -79,6 +79,7 @@ def steps(project: Path, monkeypatch: pytest.MonkeyPatch) -> Steps:
     monkeypatch.setattr(bootstrap, "run", recorder)
     monkeypatch.setattr(bootstrap, "repair_wheels", lambda venv: recorder.done.append("repair"))
     monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, WHEELS))
+    monkeypatch.setattr(bootstrap, "kernels_beside", lambda environment: contextlib.nullcontext())
     monkeypatch.setattr(bootstrap, "require_machine", lambda *given: None)
     monkeypatch.setattr(bootstrap, "require_disk", lambda: None)
     return recorder
@@ -114,7 +115,8 @@ def test_where_uv_cannot_install_pip_does(steps: Steps, capsys: pytest.CaptureFi
 
 def test_uv_gets_the_index_that_pip_has(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     listed = (
-        "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'"
+        "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'\n"
+        "global.proxy='http://proxy:3128'"
     )
     monkeypatch.setattr(bootstrap, "output_of", lambda command, environment: listed)
     settings = bootstrap.uv_settings({"SSL_CERT_FILE": "/mine.crt"})
@@ -122,7 +124,42 @@ def test_uv_gets_the_index_that_pip_has(project: Path, monkeypatch: pytest.Monke
         "VIRTUAL_ENV": str(project / ".venv"),
         "UV_INDEX_STRATEGY": "unsafe-best-match",
         "UV_DEFAULT_INDEX": "https://mirror/simple",
+        "ALL_PROXY": "http://proxy:3128",
     }
+
+
+@pytest.fixture
+def python_of_venv(project: Path) -> None:
+    (project / ".venv/bin").mkdir(parents=True)
+    (project / ".venv/bin/python").symlink_to(sys.executable)
+
+
+@pytest.mark.usefixtures("python_of_venv")
+def test_kernels_that_fail_beside_the_build_are_compiled_alone(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bootstrap, "KERNELS", ("pass", "raise MemoryError"))
+    failure = pytest.raises(machine.SetupError, match="compiling the kernels ended with status 1")
+    with failure, bootstrap.kernels_beside(dict(os.environ)):
+        (project / "built").mkdir()
+    assert (project / "built").exists()
+    assert "MemoryError" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("python_of_venv")
+def test_a_build_that_fails_ends_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bootstrap, "KERNELS", ("import time; time.sleep(1000)",))
+    with pytest.raises(machine.SetupError, match="it failed"), bootstrap.kernels_beside(dict(os.environ)):
+        raise machine.SetupError("it failed")  # and the test ends
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("code", bootstrap.KERNELS)
+def test_the_kernels_of_set_up_are_compiled_without_ros(code: str) -> None:
+    packages = os.pathsep.join(str(machine.ROOT / package) for package in PACKAGES[1:])
+    unset = ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH")
+    environment = {name: value for name, value in os.environ.items() if name not in unset} | {"PYTHONPATH": packages}
+    subprocess.run([sys.executable, "-c", code], cwd=machine.ROOT, env=environment, check=True)
 
 
 def test_changed_messages_are_built_from_nothing(steps: Steps, project: Path) -> None:
@@ -330,11 +367,14 @@ def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
     cmake.write_text(
         f'"{container}/include/python3.12;{container}/lib/python3.12/site-packages/numpy/_core/include;/usr/include"'
     )
+    cached = tmp_path / "cached"
+    os.link(cmake, cached)  # as an installer links its cache, which other clones with another Python share
     bootstrap.repair_wheels(tmp_path)
+    assert container in cached.read_text()
     assert cmake.read_text() == '"/here/include;/here/numpy;/usr/include"'
 
 
-@pytest.mark.parametrize("lock", ["backend.txt", "import.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
+@pytest.mark.parametrize("lock", ["backend.txt", "docs.txt", "import.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
 def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -> None:
     text = (root / "ros2_ws/requirements" / lock).read_text()
     entries = [entry for entry in re.split(r"\n(?=\S)", text) if not entry.startswith("#")]

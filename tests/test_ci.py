@@ -2,6 +2,7 @@
 """CI runs the tests in an environment that hides nothing."""
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -16,3 +17,12 @@ def test_ci_runs_the_tests_in_a_clean_environment(root: Path, tmp_path: Path) ->
     assert seen.keys() - {"PWD", "OLDPWD", "SHLVL", "_"} == {"HOME", "PATH", "LANG", "CI"}
     assert (seen["CI"], seen["HOME"]) == ("true", os.environ["HOME"])
     assert "PIP_INDEX_URL=file:///" in (tmp_path / "setup.env").read_text()
+
+
+def test_the_container_has_what_the_readme_names(root: Path) -> None:
+    readme = re.search(r"`apt install ([^`]+)`", (root / "README.md").read_text())
+    container = re.search(r"--no-install-recommends \\\n\s+([^&]+) &&", (root / "ros2_ws/Containerfile").read_text())
+    assert readme
+    assert container
+    # git for the record of a run's commit, certificates for the package index: a machine with a clone has both
+    assert container[1].split() == ["ca-certificates", "git", *readme[1].split()]

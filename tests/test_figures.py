@@ -10,13 +10,15 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import atpid_sim as ap
 from atpid_control.cli import main
 from atpid_control.views.report import report
 from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
-from studies.figures import contact, free_decay, stand
+from studies.figures import contact, free_decay, mechanism, stand
 from studies.figures import identification as identification
 from studies.figures import selection as selection
 
@@ -48,7 +50,7 @@ def cliffs_again(folder: Path) -> Numbers:
     return numbers_in(picture)
 
 
-def mechanism_again(folder: Path) -> Numbers:
+def grain_again(folder: Path) -> Numbers:
     report(ROOT / "bags/thesis_4_3_short", folder)
     return numbers_in(folder / "grain.png")
 
@@ -57,7 +59,7 @@ def mechanism_again(folder: Path) -> Numbers:
 AGAIN: dict[str, Callable[[Path], Numbers]] = {
     "bench": bench_again,
     "cliffs": cliffs_again,
-    "mechanism": mechanism_again,
+    "grain": grain_again,
     "contact_laws": lambda folder: numbers_in(contact.draw(folder)[0]),
     "free_decay": lambda folder: numbers_in(free_decay.draw(folder)[0]),
     "identification_ramps": lambda folder: numbers_of(identification.draw_ramps()),
@@ -84,11 +86,48 @@ def test_every_picture_carries_its_numbers(picture: Path) -> None:
 def test_the_drawings_and_the_table_of_the_stand_are_what_is_computed_now(tmp_path: Path) -> None:
     words = re.compile(r"<!-- (.*?) -->")  # matplotlib names each text that it draws
     made = stand.draw(tmp_path)
-    assert [path.name for path in made] == [path.name for path in DRAWINGS]
+    assert [path.name for path in made] == [path.name for path in DRAWINGS if path.name.startswith("stand")]
     for drawing in made:
         now, printed = (words.findall(path.read_text()) for path in (drawing, ROOT / "docs/figures" / drawing.name))
         assert now == printed, f"{drawing.name} is out of date: run `make figures`"
     assert stand.table() in (ROOT / "docs/stand.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_mechanism_moves_as_it_is_simulated_now(tmp_path: Path) -> None:
+    """Labels, the loops of what is regular, and what the labels state: the irregular motion is another everywhere."""
+    words, chance = re.compile(r"<text.*?>(.*?)</text>"), mechanism.cases()[3]
+    luck = {f"±{1e3 * chance.amplitude:.0f} mm", f"{100 * chance.amplitude / mechanism.without_damper():.0f} %"}
+    for drawing in mechanism.draw(tmp_path):
+        now, printed = (path.read_text() for path in (drawing, ROOT / "docs/figures" / drawing.name))
+        old, new = words.findall(printed), words.findall(now)
+        assert [one for one, other in zip(old, new, strict=True) if one != other and other not in luck] == []
+        assert mechanism.numbers_of(ROOT / "docs/figures" / drawing.name)["right"] == pytest.approx(
+            mechanism.numbers_of(drawing)["right"], rel=CLOSE
+        )
+    *regular, irregular = mechanism.cases()
+    assert [each.motion for each in (*regular, irregular)] == ["closed", "sticking", "optimal", "irregular"]
+    for each in regular:  # a loop without a seam, as far as the beam moves as simulated
+        assert max(each.beam) - min(each.beam) == pytest.approx(2.0 * each.amplitude, rel=0.02)
+        assert abs(each.beam[0] - each.beam[-mechanism._SAMPLES]) < 0.02 * each.amplitude
+    closed, low, right = (each.amplitude for each in regular)
+    assert 3.0 * right < 2.0 * irregular.amplitude < 2.0 * low < 2.0 * closed
+    # closed form: a beam alone on its support, at its own resonance
+    alone = mechanism.SUPPORT * (1.0 + 4.0 * mechanism.DAMPING**2) ** 0.5 / (2.0 * mechanism.DAMPING)
+    assert mechanism.without_damper() == pytest.approx(alone, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_grain_strikes_a_rising_floor_and_a_falling_ceiling() -> None:
+    """As the labelled drawing states, once each in every period."""
+    scene = mechanism.scene().with_(height=mechanism.cases()[2].height)
+    periods = int((scene.duration - 10.0) * scene.frequency_hz)
+    run = ap.trajectory(scene, t_eval=np.linspace(10.0, scene.duration, 256 * periods))
+    struck = run.impacts[(run.impacts["time"] > 10.0)]
+    velocity = np.interp(struck["time"], run.time, run.beam_velocity)
+    assert np.all(velocity * struck["wall"] > 0.0)
+    assert np.count_nonzero(struck["wall"] > 0) == pytest.approx(periods, abs=1)
+    assert np.count_nonzero(struck["wall"] < 0) == pytest.approx(periods, abs=1)
 
 
 def test_a_strip_s_limits_are_those_of_beam_theory() -> None:

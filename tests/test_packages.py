@@ -228,6 +228,16 @@ def test_activate_asks_to_be_sourced(shell: str) -> None:
     assert done.stderr == "this file changes the shell that reads it, so it has to be sourced: . ros2_ws/activate\n"
 
 
+@pytest.mark.parametrize(("reach", "warnings"), [("LOCALHOST", 0), ("OFF", 0), ("SUBNET", 1)])
+def test_a_range_beyond_this_machine_is_warned_of_where_ros_comes_from_wheels(reach: str, warnings: int) -> None:
+    given = environment() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
+    command = ["sh", "-c", ". ros2_ws/activate"]
+    done = subprocess.run(command, cwd=ROOT, env=given, capture_output=True, text=True, check=True)
+    wheels = (ROOT / ".venv/share/rclpy").is_dir()
+    assert done.stderr.count(f"DISCOVERY_RANGE={reach} goes beyond this machine") == (warnings if wheels else 0)
+    assert len(done.stderr.splitlines()) <= 1
+
+
 def test_a_shell_that_is_not_activated_is_named() -> None:
     command = [sys.executable, "atpid_control/bin/atpid", "--help"]
     done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)

@@ -16,9 +16,10 @@ BAG = ROOT / "bags/thesis_4_3_short"
 @pytest.mark.slow
 def test_the_pages_of_a_bag_are_accessible_and_whole_on_every_screen(tmp_path: Path) -> None:
     page = report(BAG, tmp_path / "report").page
-    assert main(["bag", "analyse", str(BAG), "--out", str(tmp_path)]) == 0
-    found = visited(page, tmp_path / "analysis.html")
-    assert len(found) == 8
+    for arguments in (["analyse", BAG], ["compare", BAG, ROOT / "bags/rumble"], ["validate", BAG]):
+        assert main(["bag", *map(str, arguments), "--out", str(tmp_path / str(arguments[0]))]) == 0
+    found = visited(page, *tmp_path.glob("*/[ab]*.html"))
+    assert len(found) == 16
     assert {name: wrong for name, wrong in found.items() if wrong} == {}
 
 

@@ -10,8 +10,8 @@ from matplotlib.patches import Rectangle
 
 from atpid_control.analysis import Signals
 from atpid_control.analysis.analyse import analyse
-from atpid_control.analysis.picture import _coherence, _excited, _orders, _phases, _sizes, draw
-from atpid_sim.figure_numbers import numbers_in
+from atpid_control.analysis.picture import _coherence, _excited, _orders, _phases, _sizes, panels
+from atpid_sim.figure_numbers import numbers_in, save_panels
 from atpid_sim.system import Array
 
 
@@ -47,5 +47,5 @@ def test_the_response_is_shown_where_lines_are_excited() -> None:
 
 
 def test_an_analysis_without_a_tone_is_drawn_too(tmp_path: Path) -> None:
-    draw(analyse(Signals(RATE, noise(8000, 1), noise(8000, 2))), tmp_path / "a.png")
+    save_panels(panels(analyse(Signals(RATE, noise(8000, 1), noise(8000, 2)))), tmp_path / "a.png")
     assert len(numbers_in(tmp_path / "a.png")) == 6

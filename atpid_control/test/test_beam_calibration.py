@@ -186,11 +186,12 @@ def test_bad_recordings_and_arguments_are_refused(tmp_path: Path) -> None:
     table = write_table(recorded(DECAY), tmp_path / "decay.csv")
     bad = tmp_path / "bad.csv"
     for content, text in (
-        ("", "needed: time"),
+        ("", "no table of numbers"),
+        ("t2,beam_displacement\n0,1\n1,2\n", "needed: time"),
         ("time,x\n0,1\n1,2\n", "no samples of beam_displacement; channels in it: x"),
-        ("time,beam_displacement\n0,1\nx,2\n", "not a table of numbers"),
+        ("time,beam_displacement\n0,1\n1,2\n2,3\n3,4\nx,5\n5,6\n", "two finite times"),
         ("time,beam_displacement\n0,1\n1,2\n5,3\n", "not evenly sampled"),
-        ("time,beam_displacement\n0,1\n", "at least two"),
+        ("time,beam_displacement\n0,1\n", "no table of numbers"),
     ):
         bad.write_text(content, encoding="utf-8")
         with pytest.raises(InputError, match=text):

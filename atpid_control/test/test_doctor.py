@@ -238,6 +238,7 @@ VALUES: dict[str, tuple[str, str, dict[str, Any], Verdict, str]] = {
     "no levels": ("parameters", "supervisor_node", {"beam_displacement_abort": float("inf")}, DEGRADED,
                   "abort levels: none: however far the beam moves"),
     "a node's name": ("parameters", "labjak_node", {"serial": 1}, WRONG, "did you mean labjack_node?"),
+    "a type": ("parameters", "labjack_node", {"rate": "fast"}, WRONG, "given 'fast'; allowed: a float"),
     "travel": ("travel", "motor_node", {"highest": 0.5}, WRONG, "allowed: a scene inside the motor's range"),
 }  # fmt: skip
 
@@ -342,6 +343,11 @@ def test_a_wrong_scene_is_named_once(stand: Stand) -> None:
     found = problems(stand.rows("scene", "travel", "ranges"))
     assert len(found) == 1
     assert "did you mean stiffness?" in found[0][1]
+
+
+def test_a_broken_map_is_named(stand: Stand) -> None:
+    stand.options.map = ROOT / "README.md"
+    assert [verdict for verdict, text in problems(stand.rows("scene")) if "README.md" in text] == [WRONG]
 
 
 def test_a_disk_that_cannot_take_the_recording_is_named(stand: Stand) -> None:

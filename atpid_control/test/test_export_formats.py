@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as files: CSV, UFF 58, MATLAB and Parquet are read back by pandas, pyuff and scipy, bit by bit."""
+"""A bag as files: CSV, UFF 58, MATLAB, Parquet and TDMS are read back by pandas, pyuff, scipy and npTDMS.
+
+Bit by bit; UFF 58 in ASCII to the digits that it prints.
+"""
 
 import json
 import sys
@@ -17,6 +20,8 @@ from scipy.io import loadmat
 from atpid_control.analysis.signals import signals_of
 from atpid_control.cli import main
 from atpid_control.runs.run import open_run
+from atpid_control.runs.tables import Table
+from atpid_control.views.export import uff_file
 from atpid_control.views.export.uff_file import runs
 
 
@@ -80,6 +85,64 @@ def test_uff_58_is_read_back_by_pyuff_bit_by_bit(bag: Path, tmp_path: Path) -> N
         assert f"first index {begin}," in one["id4"]
         assert (one["ordinate_axis_units_lab"], one["ordinate_spec_data_type"], one["rsp_dir"]) == ("m", 8, 3)
     assert force[0]["ordinate_axis_units_lab"] == "N"
+
+
+def test_uff_58_in_ascii_is_read_back_by_pyuff_to_its_digits(bag: Path, tmp_path: Path) -> None:
+    """Half a unit of the 13th digit; all else is as in binary."""
+    plain, binary = (run(bag, form, tmp_path / f"{form}.uff") for form in ("uff-ascii", "uff"))
+    assert Path(plain).read_text(encoding="ascii").count("\n    58\n") == 6
+    for one, other in zip(pyuff.UFF(plain).read_sets(), pyuff.UFF(binary).read_sets(), strict=True):
+        if one["type"] == 58:
+            np.testing.assert_allclose(one.pop("data"), other.pop("data"), rtol=5e-13, atol=0.0)
+            assert (one.pop("binary"), other.pop("binary")) == (0, 1)
+            same = one.keys() & other.keys() - {"byte_ordering", "fp_format", "n_ascii_lines", "n_bytes", "x"}
+            assert {name: one[name] for name in same} == {name: other[name] for name in same}
+
+
+def test_records_of_uff_58_do_not_add_up_all_gaps_anew(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else an export takes the square of the gaps: one a channel, and once for the line of what is missing."""
+    added: list[str] = []
+    lost = Table.lost.fget
+    assert lost is not None
+    monkeypatch.setattr(Table, "lost", property(lambda table: added.append(table.name) or lost(table)))
+    run(bag, "uff", tmp_path / "run.uff")
+    assert added.count("sensors/laser") <= 5
+
+
+@pytest.mark.parametrize("count", [1, 4, 7])
+def test_lines_of_ascii_have_four_numbers_of_twenty_columns(count: int) -> None:
+    values = np.array([-1.0 / 3.0, 1e-300, -1e99, 0.0, 5e-99, 2.0, -7.0])[:count]
+    lines = uff_file.digits(values).decode().split("\n")
+    assert [len(line) for line in lines] == [80] * (count // 4) + [20 * (count % 4)] * (count % 4 > 0) + [0]
+    text = "".join(lines)
+    read = [float(text[place : place + 20]) for place in range(0, len(text), 20)]
+    np.testing.assert_allclose(read, np.where(np.abs(values) < 1e-99, 0.0, values), rtol=5e-13)
+
+
+def test_tdms_is_read_back_by_nptdms_bit_by_bit(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nptdms = pytest.importorskip("nptdms", reason="npTDMS is missing: `make import` installs it")
+    path = run(bag, "tdms", tmp_path / "run.tdms")
+    assert "not evenly sampled, so not in this format: sensors/laser_blocks" in capsys.readouterr().out
+    with nptdms.TdmsFile.open(path) as file:
+        assert [group.name for group in file.groups()] == ["sensors/laser", "sensors/force"]
+        laser, beam = file["sensors/laser"], file["sensors/laser"]["beam_displacement"]
+        np.testing.assert_array_equal(beam[:], expected(1))
+        assert (beam.properties["unit_string"], beam.properties["wf_increment"]) == ("m", 1.0 / RATE)
+        assert beam.properties["wf_start_time"] == np.datetime64(START, "ns")
+        assert (laser.properties["lost"], file.properties["run_id"]) == (60, "numbers")
+        assert "60 samples lost" in file.properties["missing"]
+        assert file["sensors/force"]["force"].properties["skew"] == 1e-5
+
+
+def test_tdms_comes_back_by_import(bag: Path, tmp_path: Path) -> None:
+    pytest.importorskip("nptdms", reason="npTDMS is missing: `make import` installs it")
+    path = run(bag, "tdms", tmp_path / "run.tdms")
+    assert main(["bag", "import", path, "--out", str(tmp_path / "back")]) == 0
+    one, other = (signals_of(open_run(source))[0] for source in (bag, tmp_path / "back"))
+    assert (one.rate, one.start_ns) == (other.rate, other.start_ns)
+    np.testing.assert_array_equal(one.response, other.response)
 
 
 def test_parts_without_a_gap_across_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,7 +216,7 @@ def test_without_pyarrow_one_line_says_what_to_install(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("form", "most"), [("csv", 0.5), ("uff", 0.5), ("mat", 2.0)])
+@pytest.mark.parametrize(("form", "most"), [("csv", 0.5), ("uff", 0.5), ("tdms", 0.5), ("mat", 2.0)])
 def test_memory_does_not_grow_with_the_length_of_the_bag(tmp_path: Path, form: str, most: float) -> None:
     """Of a bag three times as long at most `most` MB more: in MATLAB's format a column of 8 bytes a sample."""
     peaks = []

@@ -9,7 +9,7 @@ import yaml
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
 from rewritten import BAG
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_typestore
 
@@ -85,7 +85,7 @@ def test_it_is_read_without_the_topics_that_cannot_be(foreign: Path) -> None:
     bag = open_bag(foreign)
     assert len(list(bag.messages("/sensors/laser"))) == 160
     (line,) = bag.missing
-    assert f"{SERVICE}: left out, encoded as 'cdr' or without a ros2msg definition" in line
+    assert f"{SERVICE}: left out, without a definition in ros2msg that can be read" in line
 
 
 def test_a_bag_in_sqlite3_is_read_and_one_that_is_damaged_is_one_line(
@@ -106,6 +106,38 @@ def test_a_bag_in_sqlite3_is_read_and_one_that_is_damaged_is_one_line(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "`.recover` of the program sqlite3 saves what is whole" in said
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_messages_that_rosbag2_has_compressed_are_read_and_files_named(
+    storage: StoragePlugin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = store.types["std_msgs/msg/String"]
+    for mode in (CompressionMode.MESSAGE, CompressionMode.FILE):
+        writer = Rosbag2(tmp_path / mode.name, version=9, storage_plugin=storage)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            connection = writer.add_connection("/a", "std_msgs/msg/String", typestore=store)
+            writer.write(connection, 1, store.serialize_cdr(kind(data="b" * 1000), "std_msgs/msg/String"))
+    assert main(["bag", "verify", str(tmp_path / "MESSAGE")]) == 0
+    ((_, message),) = open_bag(tmp_path / "MESSAGE").messages("/a")
+    assert message.data == "b" * 1000
+    capsys.readouterr()
+    assert main(["bag", "verify", str(tmp_path / "FILE")]) == 2
+    said = capsys.readouterr().err
+    assert (said.count("\n"), ".zstd: compressed as a file by rosbag2; `rosbags-convert --src" in said) == (1, True)
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_a_compressed_message_that_is_damaged_is_one_line(
+    storage: StoragePlugin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Rosbag2(tmp_path / "bag", version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection("/a", "std_msgs/msg/Bool", typestore=get_typestore(Stores.ROS2_JAZZY))
+        writer.write(connection, 1, b"\x28\xb5\x2f\xfd" + bytes(9))
+    assert main(["bag", "verify", str(tmp_path / "bag")]) == 2
+    assert "a message of type std_msgs/msg/Bool cannot be decoded" in capsys.readouterr().err
 
 
 COMMANDS = (

@@ -20,7 +20,7 @@ from scipy.io import savemat, wavfile
 
 from atpid_control.cli import main
 from atpid_control.runs.check import check
-from atpid_control.runs.imports.make import READERS, import_files
+from atpid_control.runs.import_files import READERS, import_files
 from atpid_control.runs.imports.units import si_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
@@ -203,10 +203,11 @@ def test_what_is_torn_or_garbled_of_matlab(
 def test_what_ends_the_library_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mat_by_rate(tmp_path / "a.mat", Made(10.0, {"beam": np.arange(40.0)}))
     content = bytearray((tmp_path / "a.mat").read_bytes())
-    content[176] = 83  # the type of the numbers: scipy ends with a segmentation fault
+    content[176] = 83  # the type of the numbers: scipy ends with a segmentation fault, or divides by 0
     (tmp_path / "a.mat").write_bytes(content)
     assert main(["bag", "import", str(tmp_path / "a.mat"), "--out", str(tmp_path / "bag")]) == 2
-    assert "a.mat: cannot be read as MATLAB 5, it is damaged" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert ("a.mat: cannot be read as" in error, error.count("\n")) == (True, 1)
     assert [item.name for item in tmp_path.iterdir()] == ["a.mat"]
 
 
@@ -404,6 +405,53 @@ def test_24_bits_of_a_wav(tmp_path: Path) -> None:
         file.setframerate(44_100)
         file.writeframes(b"".join(int(one).to_bytes(3, "little", signed=True) for one in values))
     np.testing.assert_array_equal(imported(tmp_path / "a.wav").signal("channel_1").values, values / 2.0**23)
+
+
+LABVIEW = """LabVIEW Measurement\t
+Separator\tTab
+***End_of_Header***\t
+
+Channels\t2\t\t
+Samples\t300\t300\t
+Y_Unit_Label\tmm\tN\t
+X0\t0.0\t0.0\t
+Delta_X\t0.005\t0.005\t
+***End_of_Header***\t\t\t
+X_Value\tLaser\tForce\tComment
+"""
+
+
+def test_numbers_above_a_table_are_no_part_of_it(tmp_path: Path) -> None:
+    values = np.random.default_rng(1).standard_normal((300, 2))
+    rows = "".join(f"{0.005 * k:.6f}\t{a!r}\t{b!r}\t\n" for k, (a, b) in enumerate(values.tolist()))
+    (tmp_path / "a.txt").write_text(LABVIEW + rows)
+    run = imported(tmp_path / "a.txt")
+    for place, name in enumerate(("Laser", "Force")):
+        assert run.signal(name).rate == 200.0
+        np.testing.assert_array_equal(run.signal(name).values, values[:, place])
+
+
+def test_a_channel_is_named_by_what_it_ends_with(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms", reason=MISSING)
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("Group", "acc/X", np.arange(9.0), {"wf_increment": 0.01})])
+    import_files([tmp_path / "a.tdms"], tmp_path / "bag", [("support_acceleration", "acc/X:g")])
+    found = open_run(tmp_path / "bag").signal("support_acceleration")
+    np.testing.assert_array_equal(found.values, 9.80665 * np.arange(9.0))
+
+
+def test_x_is_a_channel_where_a_rate_is_stated(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"x": [3.0, 1.0, 2.0], "fs": 50.0}, format="4")
+    found = imported(tmp_path / "a.mat").signal("x")
+    assert (found.rate, list(found.values)) == (50.0, [3.0, 1.0, 2.0])
+
+
+def test_what_numpy_writes_has_its_names(tmp_path: Path) -> None:
+    values = np.random.default_rng(2).standard_normal(50)
+    np.savetxt(tmp_path / "a.dat", np.column_stack([np.arange(50) / 100.0, values]), fmt="%.17g", header="time beam")
+    found = imported(tmp_path / "a.dat").signal("beam")
+    assert found.rate == 100.0
+    np.testing.assert_array_equal(found.values, values)
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {

@@ -176,7 +176,7 @@ def test_a_type_without_a_definition_is_named(tmp_path: Path, capsys: pytest.Cap
         database.execute("UPDATE topics SET type = 'lab/msg/Thing' WHERE name = '/ceiling/state'")
         database.commit()
     (line,) = open_run(folder).missing
-    assert "/ceiling/state: left out, encoded as 'cdr' or without a ros2msg definition that can be read" in line
+    assert "/ceiling/state: left out, without a definition in ros2msg that can be read" in line
     with closing(sqlite3.connect(next(folder.glob("*.db3")))) as database:
         database.execute("DROP TABLE messages")
         database.commit()

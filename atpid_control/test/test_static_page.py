@@ -2,8 +2,13 @@
 """The page of a design and of results: its parts, whole and escaped."""
 
 import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
-from atpid_control.views.static_page import document, facts, png_address, table, warnings
+from atpid_control.views.static_page import document, drawn, facts, table, warnings
+from atpid_sim.figure_numbers import numbers_in, save_panels
+from atpid_sim.figure_style import LIGHT
 
 
 def test_what_is_given_is_escaped() -> None:
@@ -15,18 +20,31 @@ def test_what_is_given_is_escaped() -> None:
         assert f"&lt;{letter}&gt;" in shown
 
 
-def test_a_table_without_heads_has_no_head_and_a_region_that_the_keyboard_reaches() -> None:
-    shown = table("rows", ["", ""], [["a", "b"]])
-    assert "<thead>" not in shown
-    assert "<thead>" in table("rows", ["", "x"], [["a", "b"]])
-    assert 'role="region" tabindex="0" aria-label="rows"' in shown
+def test_a_table_has_a_region_that_the_keyboard_reaches() -> None:
+    assert 'role="region" tabindex="0" aria-label="rows"' in table("rows", ["", "x"], [["a", "b"]])
 
 
 def test_without_warnings_there_is_no_list() -> None:
     assert warnings([]) == ""
 
 
-def test_a_page_holds_its_pictures_and_both_schemes() -> None:
-    shown = document("A", [f'<img src="{png_address(b"PNG")}" alt="B">'])
-    assert re.findall(r'(?:src|href)="([^"]*)"', shown) == ["data:image/png;base64,UE5H"]
+def _panel(axes: Any) -> None:
+    axes.plot([0.0, 1.0], [0.0, 2.0], color=LIGHT.own, label="a curve")
+    axes.set(title="<Height>", ylabel="mm")
+
+
+def test_a_page_holds_its_panels_in_both_schemes() -> None:
+    shown = document("A", [drawn([[_panel], [_panel, _panel]])])
+    assert re.findall(r'(?:src|href)="(?!#|http://www.w3.org)[^"]*"', shown) == []
     assert shown.count("--paper:") == 2
+    assert shown.count('<svg role="img" aria-label="&lt;Height&gt;"') == 3
+    assert shown.count("<figcaption>&lt;Height&gt;</figcaption>") == 3
+    assert shown.count(">a curve</text>") == 3
+    assert "stroke: var(--own)" in shown
+    drawings = shown[shown.index("<main>") :]
+    assert not any(colour in drawings for colour in asdict(LIGHT).values())
+
+
+def test_a_picture_has_every_panel_and_its_numbers(tmp_path: Path) -> None:
+    save_panels([[_panel], [_panel, _panel]], tmp_path / "a.png")
+    assert list(numbers_in(tmp_path / "a.png")) == [f"{place} <Height>" for place in range(3)]

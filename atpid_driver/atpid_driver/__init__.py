@@ -10,3 +10,11 @@ class DriverError(InputError):
     """Bad input, or hardware that is not as expected: what was given, what is allowed, what to do."""
 
     retry: ClassVar[bool] = True  # whether trying again later may help, with the same parameters
+
+
+class SettingsError(DriverError):
+    """A parameter of a node is missing or impossible."""
+
+
+class NotReadyError(DriverError):
+    """A command while the device may not follow one: not armed, not homed, not permitted, or in a fault."""

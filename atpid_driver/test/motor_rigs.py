@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
-from atpid_driver.motor.errors import MotorError
 from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
@@ -59,7 +59,7 @@ def arm(actuator: CeilingActuator) -> None:
     def ready() -> bool:
         reading = actuator.read(time.monotonic_ns())
         if reading.mode in (Mode.FAULT, Mode.DISARMED):
-            with suppress(MotorError):  # the link is being opened again
+            with suppress(DriverError):  # the link is being opened again
                 actuator.activate(time.monotonic_ns())
         return reading.ready
 

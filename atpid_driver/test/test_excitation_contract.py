@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
+from atpid_driver import NotReadyError
 from atpid_driver.excitation import ExcitationDrive, ExcitationSettings, drive_of
-from atpid_driver.excitation.drive import Output
-from atpid_driver.excitation.errors import CommandRefusedError, NotReadyError, OutputLostError
+from atpid_driver.excitation.drive import Output, OutputLostError
 from atpid_driver.excitation.guarded import GuardedDrive
-from atpid_driver.excitation.signals import OFF, Command
+from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.build import environment
 from atpid_driver.standins.outputs import Outputs

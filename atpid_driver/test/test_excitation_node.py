@@ -269,7 +269,7 @@ def test_with_hold_the_identified_amplitude_comes_to_the_command(graph: Graph) -
     [
         ({"backend": "labjack_dac"}, "calibration is empty"),
         ({"backend": "other"}, "backend"),
-        ({"highest_amplitude": 0.0}, "highest_amplitude 0"),
+        ({"highest_amplitude": 0.0}, "highest_amplitude of excitation_node: given 0; allowed: 1e-09"),
         ({"lowest_frequency": 30.0}, "need 0 < lowest < highest"),
         ({"stop_time": 0.5}, "stop_time"),
         ({"backend": "labjack_stream", "calibration": "x.yaml", "lockstep": True}, "lockstep with backend"),

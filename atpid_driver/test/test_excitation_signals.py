@@ -9,9 +9,8 @@ import pytest
 from scipy import signal
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.errors import CommandRefusedError
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import OFF, Command, Generator
+from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError, Generator
 
 RATE = 1000.0
 SETTINGS = ExcitationSettings(

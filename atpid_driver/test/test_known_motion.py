@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import SettingsError
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Reading
-from atpid_driver.motor.errors import SettingsError
 from atpid_driver.motor.known_motion import ANNOUNCED, KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
@@ -104,9 +104,9 @@ def test_a_ceiling_that_moves_the_other_way_is_named_at_once() -> None:
 @pytest.mark.parametrize("distance", [-0.1, 0.05, 0.5, float("nan")])
 def test_a_distance_that_cannot_be_judged_or_may_not_fit_is_refused(distance: float) -> None:
     with pytest.raises(SettingsError, match=r"check_move .* m: allowed 0 \(none\) or 0.09 to 0.4915 m"):
-        MotorSettings("simulated", 0.017, 1.0, 0.3, check_move=distance)
+        MotorSettings(backend="simulated", lowest=0.017, highest=1.0, speed=0.3, check_move=distance)
 
 
 def test_in_lockstep_it_is_refused() -> None:
     with pytest.raises(SettingsError, match=r"check_move 0\.1 m in lockstep"):
-        MotorSettings("simulated", 0.017, 1.0, 0.3, lockstep=True, check_move=0.1)
+        MotorSettings(backend="simulated", lowest=0.017, highest=1.0, speed=0.3, lockstep=True, check_move=0.1)

@@ -10,9 +10,10 @@ import pytest
 from motor_rigs import SERIAL, arm, board, need_emulator, settings, wait_for
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
-from atpid_driver.motor.errors import HeightRefusedError, NotReadyError
+from atpid_driver.motor.errors import HeightRefusedError
 from atpid_driver.motor.settings import MotorSettings
 
 RESOLUTION = 1.6e-3

@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.motor.dialogue import LINK_TIME, NO_LINK, STOP_REPEAT, Dialogue
-from atpid_driver.motor.errors import LinkError, NotReadyError
+from atpid_driver.motor.errors import LinkError
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import decode, encode
 from atpid_driver.motor.session import SessionLostError
 from atpid_driver.motor.settings import MotorSettings
 
-SETTINGS = MotorSettings("serial", 0.017, 1.0, 0.3, port="board")
+SETTINGS = MotorSettings(backend="serial", lowest=0.017, highest=1.0, speed=0.3, port="board")
 STEP = 0.005
 MOVING_WORDS = ("MOVE", "HOME")
 

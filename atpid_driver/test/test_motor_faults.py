@@ -7,9 +7,9 @@ import pytest
 
 from atpid_common.injected_faults import CEILING, KINDS, FaultError, Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError, SettingsError
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
-from atpid_driver.motor.errors import MotorError, SettingsError
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
@@ -42,7 +42,7 @@ def moved(part: str, kind: str) -> tuple[FaultyActuator, MotorFault]:
         now = block * BLOCK
         try:
             ceiling.move(0.8 if now >= 1_500_000_000 else 0.3, block, now)
-        except MotorError:
+        except DriverError:
             assert ceiling.read(now).mode is Mode.FAULT
         found = found or ceiling.read(now).faults
         assert LIMITS.lowest <= ceiling.true_height <= LIMITS.highest + 0.010
@@ -69,7 +69,7 @@ def test_a_broken_sensor_cannot_be_armed() -> None:
     ceiling.connect(0)
     ceiling.activate(0)
     assert ceiling.read(2_000_000_000).mode is Mode.FAULT
-    with pytest.raises(MotorError, match="not armed"):
+    with pytest.raises(DriverError, match="not armed"):
         ceiling.activate(3_000_000_000)
 
 
@@ -101,11 +101,11 @@ def test_a_clock_that_is_set_moves_nothing() -> None:
 def test_a_real_motor_refuses_injected_faults() -> None:
     line = str(Injected("motor", "off", 1.0, 2.0))
     given = {"lowest": 0.017, "highest": 1.0, "speed": 0.3, "faults": [line]}
-    assert isinstance(actuator_of(MotorSettings("simulated", **given)), FaultyActuator)  # type: ignore[arg-type]
+    assert isinstance(actuator_of(MotorSettings(backend="simulated", **given)), FaultyActuator)  # type: ignore[arg-type]
     with pytest.raises(SettingsError, match="allowed: none, a real motor is not disturbed"):
-        MotorSettings("serial", port="/dev/x", **given)  # type: ignore[arg-type]
+        MotorSettings(backend="serial", port="/dev/x", **given)  # type: ignore[arg-type]
     with pytest.raises(FaultError, match="which the simulated motor injects"):
-        MotorSettings("simulated", **(given | {"faults": ["clock off 1 2"]}))  # type: ignore[arg-type]
+        MotorSettings(backend="simulated", **(given | {"faults": ["clock off 1 2"]}))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("part", CEILING)

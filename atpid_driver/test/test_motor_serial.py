@@ -12,10 +12,11 @@ import pytest
 from motor_rigs import arm, board, settings, wait_for
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor import session as session_module
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, NotReadyError, StopNotConfirmedError
+from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, StopNotConfirmedError
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.serial_actuator import SerialActuator
 

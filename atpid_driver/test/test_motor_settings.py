@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
+from atpid_driver import SettingsError
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
-from atpid_driver.motor.errors import HeightRefusedError, SettingsError
+from atpid_driver.motor.errors import HeightRefusedError
 from atpid_driver.motor.faults import MotorFault, in_words
 from atpid_driver.motor.settings import MotorSettings
 
@@ -35,7 +36,7 @@ def test_serial_backend_plays_the_role_without_opening_anything() -> None:
         ({"backend": "hydraulic"}, "allowed simulated, serial"),
         ({"backend": "serial"}, "port is empty"),
         ({"backend": "serial", "port": "/dev/x", "lockstep": True}, "a real motor has its own clock"),
-        ({"rate": 0.0}, "rate 0: must be a number above 0"),
+        ({"rate": 0.0}, "rate 0: allowed 10 to 200 Hz"),
         ({"command_timeout": float("nan")}, "command_timeout"),
         ({"lowest": 2.0}, "0 < lowest < highest"),
     ],

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.motor.ceiling_actuator import Limits, Reading
-from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
+from atpid_driver.motor.errors import HeightRefusedError, LimitsError
 from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
 from atpid_driver.motor.simulated import SimulatedActuator, Travel
 

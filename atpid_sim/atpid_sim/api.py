@@ -30,6 +30,8 @@ def _compiled(function: _Function) -> _Function:
 
     @functools.wraps(function)
     def called(scene: Scene, *args: Any, **others: Any) -> Any:
+        if not isinstance(scene, Scene):
+            raise SceneError(f"scene: given {scene!r:.60}; allowed: a Scene, such as load_scene(path) returns")
         with announced(COMPILING):
             Integration(scene, complete_fidelity(scene)).warm_up()
         return function(scene, *args, **others)

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+#: The time left is by the steps of so long [s]: one step of a campaign may take minutes.
+_REMEMBERED = 3600.0
+
 if TYPE_CHECKING:  # loaded where something is shown: a command whose output is read by a program starts sooner
     from rich import progress
 
@@ -50,4 +53,7 @@ def _progress(*columns: progress.ProgressColumn, kept: bool = False) -> progress
     from rich.console import Console
 
     console = Console(stderr=True)
-    return progress.Progress(*columns, console=console, transient=not kept, disable=not (kept or console.is_terminal))
+    return progress.Progress(
+        *columns, console=console, transient=not kept, disable=not (kept or console.is_terminal),
+        speed_estimate_period=_REMEMBERED,
+    )  # fmt: skip

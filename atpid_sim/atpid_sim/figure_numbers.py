@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures that carry the numbers they show inside their PNG: so that a test can compare them with what is computed."""
+"""Pictures that carry the numbers they show inside their PNG, so that a test can compare them with what is computed.
+
+What is drawn as PNG and on a page is declared once, as panels: functions that draw into matplotlib axes.
+"""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +19,10 @@ from atpid_sim.figure_style import LIGHT, style
 KEY = "Numbers"
 #: Title of each panel -> smallest, largest and mean x and y of each curve and bar chart in it.
 Numbers = dict[str, list[list[float]]]
+#: Panels from top to bottom, one or two in a row: each draws into axes, and leaves its legend to `legend_below`.
+Panels = Sequence[Sequence[Callable[[Any], None]]]
+#: Characters of a name from which on a legend has one column.
+_LONG = 32
 
 
 @contextmanager
@@ -37,6 +44,35 @@ def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> I
         with writing(path, option):
             figure.savefig(path, dpi=dpi, metadata=metadata_of(figure))
     pyplot.close(figure)
+
+
+def save_panels(panels: Panels, path: Path, height: float = 3.75, dpi: int = 110) -> None:
+    """Draw all panels in one PNG, each row `height` inches high. Raises OutputError."""
+    names = [[f"{row} {min(column, len(each) - 1)}" for column in (0, 1)] for row, each in enumerate(panels)]
+    with drawn(path, dpi=dpi, mosaic=names, figsize=(11.0, height * len(panels))) as (_, axes):
+        for row, each in enumerate(panels):
+            for column, draw in enumerate(each):
+                draw(axes[f"{row} {column}"])
+                legend_below(axes[f"{row} {column}"])
+
+
+def legend_below(axes: Any) -> None:
+    """Draw the legend of what has a label below the axes, where it hides no curve."""
+    names = axes.get_legend_handles_labels()[1]
+    if names:
+        columns = 2 if max(map(len, names)) < _LONG else 1
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns)
+
+
+def logarithmic(axes: Any) -> None:
+    """Make the axis of ordinates logarithmic, with labels at 1, 2 and 5 in each decade."""
+    axes.set_yscale("log")
+    for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        formatted(_one_two_five)
+
+
+def _one_two_five(value: float, _: int) -> str:
+    return f"{value:g}" if f"{value:e}"[0] in "125" else ""
 
 
 def numbers_of(figure: Any) -> Numbers:

@@ -6,6 +6,8 @@ from typing import Any
 
 #: Size of the text [points].
 SIZE = 9.5
+#: Width of a picture of the documentation [in]: its text is then 11 pixels high on a page of 700.
+WIDTH = 8.4
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,11 @@ def test_version_is_that_of_the_package() -> None:
     assert f'version="{ap.__version__}"' in (Path(__file__).parents[1] / "setup.py").read_text()
 
 
+def test_a_path_in_place_of_a_scene_is_one_line() -> None:
+    with pytest.raises(ap.SceneError, match=r"scene: given 'a.yaml'; allowed: a Scene, such as load_scene"):
+        ap.simulate("a.yaml")  # type: ignore[arg-type]
+
+
 def test_a_run_is_the_run() -> None:
     result, below = ap.simulate(LOW), module.simulate(LOW)
     assert (result.amplitude, result.ledger, result.impacts) == (below.amplitude, below.ledger, below.impacts)

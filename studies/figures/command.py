@@ -7,7 +7,7 @@ import importlib
 from atpid_common.arguments import file_path
 
 #: Each has `draw(folder) -> paths` and `table() -> str`, which is printed.
-WITH_TABLE = ("contact", "free_decay", "speed", "stand")
+WITH_TABLE = ("contact", "free_decay", "mechanism", "speed", "stand")
 #: Each has `add_arguments(parser)` and `run(arguments) -> status`.
 OTHERS = ("frequency", "identification", "selection")
 #: Arguments of the example in the help.

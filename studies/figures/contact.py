@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from atpid_common import output
 from atpid_sim.contact import dispatch
 from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import WIDTH
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.system import Array, reduced_mass
@@ -112,7 +113,7 @@ def draw(out: Path) -> list[Path]:
     mass = reduced_mass(system_of(standard_bench()))
     speeds = np.geomspace(1e-3, 20.0, 120)
     file = output.folder(out) / "contact_laws.png"
-    with drawn(file, nrows=1, ncols=2, figsize=(11.0, 4.4)) as (_, (left, right)):
+    with drawn(file, nrows=1, ncols=2, figsize=(WIDTH, 4.6)) as (_, (left, right)):
         for index, (name, contact) in enumerate(laws_that_agree().items()):
             style: dict[str, Any] = {"color": f"C{index}", "label": _LABELS[name]}
             style["linewidth"] = 2.4 if name == "tsuji" else 1.4
@@ -121,11 +122,11 @@ def draw(out: Path) -> list[Path]:
             if name != "impact":
                 impact = impact_of(contact, mass, SPEED)
                 left.plot(1e6 * impact.overlap, impact.force, **style)
-        title = f"One impact at {SPEED:g} m/s, until the force vanishes"
+        title = f"One impact at {SPEED:g} m/s"
         left.set(xlabel="overlap [µm]", ylabel="contact force [N]", title=title)
         title = "Restitution against speed"
         right.set(xlabel="approach speed [m/s]", ylabel="restitution [-]", title=title, ylim=(0.0, 1.05))
-        right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
+        right.legend(loc="center left", bbox_to_anchor=(0.0, 0.7))
     return [file]
 
 

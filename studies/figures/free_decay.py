@@ -11,6 +11,7 @@ import numpy as np
 
 from atpid_common import output
 from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import WIDTH
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
@@ -93,9 +94,9 @@ def table() -> str:
 def draw(out: Path) -> list[Path]:
     """Draw decays and decrements into the folder `out`; return the files written."""
     file = output.folder(out) / "free_decay.png"
-    with drawn(file, nrows=1, ncols=2, figsize=(11.0, 4.0)) as (_, (left, right)):
-        _decays(left)
-        _ratios(right)
+    with drawn(file, nrows=2, figsize=(WIDTH, 7.0)) as (_, (upper, lower)):
+        _decays(upper)
+        _ratios(lower)
     return [file]
 
 
@@ -106,7 +107,7 @@ def _decays(axes: Any) -> None:
         axes.plot(motion.time, motion.beam + scene.static_deflection, linewidth=1.3, label=label)
     title = "Released from 0.2 m, h = 0.2 m"
     axes.set(xlim=(0.0, 3.0), xlabel="time [s]", ylabel="beam above equilibrium [m]", title=title)
-    axes.legend(fontsize=8)
+    axes.legend()
 
 
 def _ratios(axes: Any) -> None:
@@ -117,9 +118,9 @@ def _ratios(axes: Any) -> None:
             axes.annotate("", (place, 4.2), (place, 3.1), arrowprops={"arrowstyle": "->"})
     axes.plot([_largest(case) for case in MEASURED], "C3x", markersize=8, label="model, nothing fitted")
     names = [f"{100 * case.mass_fraction:g} %\n{_height(case)}" for case in MEASURED]
-    axes.set_xticks(range(len(MEASURED)), names, fontsize=8)
+    axes.set_xticks(range(len(MEASURED)), names)
     title = "Damping of the free decay (thesis §2.3.1)"
     axes.set(xlabel="grain, height", ylabel="largest ratio of amplitudes [-]", title=title, yscale="log")
     axes.set_yticks([1.3, 1.5, 2.0, 3.0, 4.0, 6.0], ["1.3", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
-    axes.legend(fontsize=8)
+    axes.legend()

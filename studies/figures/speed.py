@@ -13,6 +13,7 @@ import numpy as np
 
 from atpid_common import output
 from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import WIDTH
 from atpid_sim.simulation.batch import Workers, cores
 from studies.sweep.measure import Sweep, standard_task, sweep
 
@@ -68,12 +69,12 @@ def table() -> str:
 def draw(out: Path) -> list[Path]:
     """Draw the three into the folder `out`; return the files written."""
     file = output.folder(out) / "speed.png"
-    with drawn(file, nrows=1, ncols=3, figsize=(12.0, 3.8)) as (_, panels):
-        _cost(panels[0])
-        _curves(panels[1], "sizes", list(_SIZES), "points of the sweep")
-        panels[1].set(xscale="log")
-        _curves(panels[2], "workers", list(range(1, cores() + 1)), "workers")
-        panels[2].set_xticks(range(1, cores() + 1))
+    with drawn(file, mosaic=[["cost", "cost"], ["sizes", "workers"]], figsize=(WIDTH, 6.6)) as (_, panels):
+        _cost(panels["cost"])
+        _curves(panels["sizes"], "sizes", list(_SIZES), "points of the sweep")
+        panels["sizes"].set(xscale="log")
+        _curves(panels["workers"], "workers", list(range(1, cores() + 1)), "workers")
+        panels["workers"].set_xticks(range(1, cores() + 1))
     return [file]
 
 
@@ -84,7 +85,7 @@ def _cost(axes: Any) -> None:
         axes.plot(impacts[order], cost[order], ".", markersize=4, label=level)
     title = "One run of 16 s, one worker"
     axes.set(xlabel="impacts", ylabel="integration [ms]", title=title, ylim=(0.0, None))
-    axes.legend(fontsize=8)
+    axes.legend()
 
 
 def _curves(axes: Any, name: str, places: list[int], label: str) -> None:

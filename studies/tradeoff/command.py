@@ -13,6 +13,7 @@ from rich.console import Console
 from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import LIGHT, WIDTH
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.simulate import finite
 from studies.tradeoff import measure as study
@@ -149,21 +150,28 @@ def _draw(name: str, reference: study.Reference, points: list[study.Point], path
             f"distance from the amplitude of one run at {study.REFERENCE:g} [-]",
         )
         title += " (chaotic: no method can converge)"
-    with drawn(path, dpi=130, figsize=(9.0, 5.5)) as (figure, axes):
+    with drawn(path, dpi=130, figsize=(WIDTH, 5.6)) as (figure, axes):
         for number, method in enumerate(dict.fromkeys(p.method for p in shown)):
             chosen = [p for p in shown if p.method == method]
             style = _OWN_STYLE if method in study.OURS else _BASELINE_STYLE
             style = {**style, "color": f"C{number % 10}", "marker": _MARKERS[number]}
             times = [1e3 * p.time_s for p in chosen]
-            axes.plot(times, [errors[p] for p in chosen], **style, label=method)
+            axes.plot(times, [errors[p] for p in chosen], **style)
+            place = {
+                "xytext": (0.0, 8.0),
+                "textcoords": "offset points",
+                "ha": "right" if method == "finite" else "center",
+            }
+            axes.annotate(method, (times[0], errors[chosen[0]]), color=style["color"], weight="bold", **place)
         if reference.spread is None:
             front = sorted((p for p in shown if p.front), key=lambda p: p.time_s)
             times = [1e3 * p.time_s for p in front]
             axes.plot(times, [errors[p] for p in front], "ko", **_RING, label="nothing better (front)")
-        axes.axhspan(bottom, known, color="0.9", zorder=0, label=band)
+        axes.axhspan(bottom, known, color=LIGHT.window, zorder=0, label=band)
         axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
         axes.set_ylim(bottom=bottom)
-        figure.legend(ncols=5, loc="outside lower center")
+        axes.margins(x=0.08)
+        figure.legend(ncols=2, loc="outside lower center")
 
 
 def _known(reference: study.Reference) -> float:

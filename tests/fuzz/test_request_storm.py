@@ -22,8 +22,8 @@ from std_msgs.msg import Header
 
 from atpid_common.injected_faults import CEILING, KINDS, TO_THE_SWITCH, Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
-from atpid_driver.motor.errors import MotorError
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.motor_node import MotorNode
@@ -88,7 +88,7 @@ def storm(ceiling: CeilingActuator, rng: random.Random, requests: int, judge: Ca
                 ceiling.deactivate(now)
             else:
                 ceiling.connect(now)
-        except MotorError as error:
+        except DriverError as error:
             refusals.append(str(error))
         judge(now)
     assert not any("\n" in text for text in refusals)

@@ -4,6 +4,7 @@
 from mutation import in_file as _in
 
 NODE = "atpid_driver/atpid_driver/nodes/excitation_node.py"
+SUPERVISED = "atpid_driver/atpid_driver/nodes/supervised_node.py"
 ROOM = "atpid_driver/atpid_driver/excitation/"
 TEST = "atpid_driver/test/test_excitation_"
 OVER_DDS = TEST + "node.py::test_"
@@ -19,16 +20,16 @@ REFUSED = CONTRACT + "what_is_outside_the_limits_is_refused_and_changes_nothing"
 MUTATIONS = (
     _in(
         "an inactive node takes commands",
-        NODE,
-        "if not self._active and command.kind is not ExciterKind.OFF:",
-        "if False:",
+        SUPERVISED,
+        'if not self._active:\n            raise NotReadyError(f"{what} refused',
+        'if False:\n            raise NotReadyError(f"{what} refused',
         "a command that moves nothing is not refused",
         OVER_DDS + "it_is_off_in_every_state_but_active",
     ),
     _in(
         "commands without permission",
-        NODE,
-        'raise NotReadyError(f"{command.kind.name} not taken up: {self._permit.reason}")',
+        SUPERVISED,
+        'raise NotReadyError(f"{what} not taken up: {self._permit.reason}")',
         "pass",
         "a command that moves nothing is not refused",
         PERMITTED,
@@ -43,24 +44,24 @@ MUTATIONS = (
     ),
     _in(
         "never supervised",
-        NODE,
-        "supervised = self.settings.supervised and not lockstep",
+        SUPERVISED,
+        "supervised = settings.supervised and in_time",
         "supervised = False",
         "abort levels and the operator's stop leave the shaker on",
         PERMITTED,
     ),
     _in(
         "silence of commands ends nothing",
-        NODE,
-        "if self._supervision.stale.stale:\n            self._ramp_down()",
+        SUPERVISED,
+        "if self._supervision.stale.stale:\n            self._halt()",
         "pass",
         "without its commander the shaker runs on",
         OVER_DDS + "a_command_is_put_out_and_its_silence_ends_it",
     ),
     _in(
         "commands of several end nothing",
-        NODE,
-        "if self._gate.several_senders:\n                self._ramp_down()",
+        SUPERVISED,
+        "if self._gate.several_senders:\n            self._halt()",
         "pass",
         "two programs drive one shaker",
         OVER_DDS + "two_commanders_end_it",
@@ -75,8 +76,8 @@ MUTATIONS = (
         OVER_DDS + "it_is_off_in_every_state_but_active",
     ),
     _in(
-        "activated beside another",
-        NODE,
+        "an exciter activated beside another",
+        SUPERVISED,
         "if self._duplicates.inhibits_motion:",
         "if False:",
         "two nodes drive one shaker",
@@ -84,7 +85,7 @@ MUTATIONS = (
     ),
     _in(
         "activated without permission",
-        NODE,
+        SUPERVISED,
         'raise NotReadyError(f"no motion is permitted: {self._permit.reason}")',
         "pass",
         "it is armed although a node that it needs hangs",
@@ -92,7 +93,7 @@ MUTATIONS = (
     ),
     _in(
         "commands of any age",
-        NODE,
+        SUPERVISED,
         "self._gate.check_fresh(info, self._now())",
         "pass",
         "a command from before an interruption shakes it",

@@ -15,9 +15,10 @@ from motor_rigs import SERIAL, arm, board, settings, wait_for
 
 from atpid_common.injected_faults import KINDS, Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError, SettingsError
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
-from atpid_driver.motor.errors import MotorError, SettingsError, StopNotConfirmedError
+from atpid_driver.motor.errors import StopNotConfirmedError
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import StateReply, decode, encode, reply_of
 from atpid_driver.motor.serial_actuator import SerialActuator
@@ -99,10 +100,10 @@ class Rig:
         """Command a far height, as the loop does, until the motor runs."""
 
         def runs() -> bool:
-            with suppress(MotorError):
+            with suppress(DriverError):
                 self.actuator.move(0.05, 1, time.monotonic_ns())
                 return self.emulator.state().motor != 0
-            with suppress(MotorError):  # where this process stood still for longer than the heartbeat allows
+            with suppress(DriverError):  # where this process stood still for longer than the heartbeat allows
                 arm(self.actuator)
             return False
 
@@ -166,7 +167,7 @@ def test_a_stop_reaches_the_board_whatever_the_line_does(rig: Rig, name: str, ho
 def test_a_stop_that_nothing_confirms_is_an_error(rig: Rig) -> None:
     rig.under_way()
     rig.line.disturbance = Noise(1, lost=1.0)
-    with pytest.raises(MotorError, match="motor off not confirmed by the board: it does not answer"):
+    with pytest.raises(DriverError, match="motor off not confirmed by the board: it does not answer"):
         rig.actuator.deactivate(time.monotonic_ns())
     wait_for(lambda: rig.emulator.state().motor == 0, "the firmware's own heartbeat")
 
@@ -192,7 +193,7 @@ def test_a_height_that_the_motor_cannot_have_reached_is_latched(rig: Rig) -> Non
         if (turn := next(turns)) % 50 == 0:  # again where a busy machine read the line too late to judge the step
             rig.line.disturbance = Noise(1)
             if turn % 100:
-                with suppress(MotorError):  # the line's last heights are given up
+                with suppress(DriverError):  # the line's last heights are given up
                     arm(rig.actuator)  # where the heartbeat was missed again, its latched fault would hide this one
             else:
                 raised = InjectedFaults([Injected("serial_link", "wrong", 0.0, 1e6)])
@@ -203,7 +204,7 @@ def test_a_height_that_the_motor_cannot_have_reached_is_latched(rig: Rig) -> Non
     wait_for(reported_impossible, "an impossible height reported", state=lambda: str(reports))
     wait_for(lambda: rig.actuator.read(time.monotonic_ns()).mode is Mode.FAULT, "the fault latched")
     assert MotorFault.LINK_LOST in rig.actuator.read(time.monotonic_ns()).faults
-    with pytest.raises(MotorError, match=r"rearm|activate it"):
+    with pytest.raises(DriverError, match=r"rearm|activate it"):
         rig.actuator.move(0.5, 1, time.monotonic_ns())
     assert rig.emulator.state().motor == 0
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of an analysis: traces, spectra, frequency response with coherence, orders, decay."""
+"""The panels of an analysis: traces, spectra, frequency response with coherence, orders, decay."""
 
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,8 @@ import numpy as np
 from atpid_control.analysis.analyse import Analysis
 from atpid_control.analysis.frequency_response import FrequencyResponse
 from atpid_control.analysis.rows import shown_unit
-from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_numbers import Panels, logarithmic
+from atpid_sim.figure_style import LIGHT
 
 #: Points a trace is drawn with at most, and decades of a density shown below its largest.
 _POINTS, _DECADES = 20_000, 1e-10
@@ -17,15 +18,11 @@ _POINTS, _DECADES = 20_000, 1e-10
 _NOISE = 3.0
 
 
-def draw(found: Analysis, path: Path) -> None:
-    """Draw the analysis as PNG. Raises OutputError."""
-    with drawn(path, "--out", dpi=110, nrows=3, ncols=2, figsize=(13.0, 11.0)) as (_, axes):
-        _traces(axes[0][0], found)
-        _densities(axes[0][1], found)
-        _sizes(axes[1][0], found)
-        _phases(axes[1][1], found)
-        _coherence(axes[2][0], found)
-        (_decay if found.orders is None else _orders)(axes[2][1], found)
+def panels(found: Analysis) -> Panels:
+    """Return the panels of an analysis."""
+    last = _decay if found.orders is None else _orders
+    rows = ((_traces, _densities), (_sizes, _phases), (_coherence, last))
+    return [[partial(drawer, found=found) for drawer in row] for row in rows]
 
 
 def _traces(ax: Any, found: Analysis) -> None:
@@ -33,22 +30,25 @@ def _traces(ax: Any, found: Analysis) -> None:
     (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
     step = max(1, len(signals.response) // _POINTS)
     for values, name, colour in zip(
-        (scale * signals.response, given * signals.excitation), reversed(signals.names), ("C0", "0.5"), strict=True
+        (scale * signals.response, given * signals.excitation),
+        reversed(signals.names),
+        ("C0", LIGHT.given_text),
+        strict=True,
     ):
         ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
     ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
-    ax.legend(loc="upper right")
 
 
 def _densities(ax: Any, found: Analysis) -> None:
-    for one, name, colour in zip(reversed(found.spectra), reversed(found.signals.names), ("C0", "0.5"), strict=True):
+    for one, name, colour in zip(
+        reversed(found.spectra), reversed(found.signals.names), ("C0", LIGHT.given_text), strict=True
+    ):
         ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
     ax.set(xlim=(0.0, _highest(found)), ylim=(_DECADES * top, 3.0 * top), title=title)
     units = dict.fromkeys(reversed(found.signals.units))
-    ax.set(xlabel="frequency [Hz]", ylabel=" and ".join(f"{unit}$^2$/Hz" for unit in units))
-    ax.legend(loc="upper right")
+    ax.set(xlabel="frequency [Hz]", ylabel=" and ".join(f"{unit}²/Hz" for unit in units))
 
 
 def _highest(found: Analysis) -> float:
@@ -76,16 +76,21 @@ def _sizes(ax: Any, found: Analysis) -> None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
         return
     shown, trusted = response.excited, response.trusted
-    ax.semilogy(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
-    ax.semilogy(
-        response.frequency[shown], np.abs(response.h1[shown]), ".", color="0.6", markersize=4, label="H1, excited lines"
+    logarithmic(ax)
+    ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
+    ax.plot(
+        response.frequency[shown],
+        np.abs(response.h1[shown]),
+        ".",
+        color=LIGHT.given_text,
+        markersize=4,
+        label="H1, excited lines",
     )
     size = np.abs(response.h1[trusted])
     ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
                 linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
     alone = " of a tone: known at its line alone" if response.tone else ""
     ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
-    ax.legend()
 
 
 def _phases(ax: Any, found: Analysis) -> None:
@@ -94,7 +99,7 @@ def _phases(ax: Any, found: Analysis) -> None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
         return
     shown, trusted = response.excited, response.trusted
-    for chosen, colour in ((shown, "0.6"), (trusted, "C0")):
+    for chosen, colour in ((shown, LIGHT.given_text), (trusted, "C0")):
         ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
     ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
 
@@ -105,7 +110,7 @@ def _coherence(ax: Any, found: Analysis) -> None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
         return
     shown = response.excited
-    ax.plot(response.frequency, response.coherence, "0.8", linewidth=0.8)
+    ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
     ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence",
            title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
@@ -124,7 +129,6 @@ def _orders(ax: Any, found: Analysis) -> None:
     title = f"Orders, {orders.begin:.4g} to {orders.end:.4g} s; distortion {100.0 * orders.distortion:.2g} %"
     ax.set(yscale="log", xlim=(0.4, len(numbers) + 0.6), ylim=(bottom, None), xticks=numbers)
     ax.set(xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=unit, title=title)
-    ax.legend(loc="upper right")
 
 
 def _decay(ax: Any, found: Analysis) -> None:
@@ -138,9 +142,14 @@ def _decay(ax: Any, found: Analysis) -> None:
     envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
     rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
     scale, unit = shown_unit(found.signals.units[1])
-    ax.plot(time[inside], scale * (found.signals.response[inside] - rest), "0.6", linewidth=0.8, label="from its mean")
+    ax.plot(
+        time[inside],
+        scale * (found.signals.response[inside] - rest),
+        LIGHT.given_text,
+        linewidth=0.8,
+        label="from its mean",
+    )
     fit = f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %"
     ax.plot(time[inside], scale * envelope, "C0", label=fit)
     ax.plot(time[inside], -scale * envelope, "C0")
     ax.set(xlabel="time [s]", ylabel=unit, title=title)
-    ax.legend()

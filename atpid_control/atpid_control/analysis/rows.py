@@ -20,8 +20,8 @@ def rows(found: Analysis) -> Iterator[tuple[str, str]]:
     if signals.origin:
         yield "origin of the samples", signals.origin
     yield "part", f"{signals.start:.5g} to {signals.start + signals.duration:.5g} s, {signals.rate:.6g} Hz"
-    for name, unit, one in zip(signals.names, signals.units, found.spectra, strict=True):
-        scale, shown = shown_unit(unit)
+    for channel, unit, one in zip(signals.names, signals.units, found.spectra, strict=True):
+        (scale, shown), name = shown_unit(unit), channel.replace("_", " ")
         yield f"{name}, root mean square", f"{scale * one.rms:.4g} {shown}"
         yield f"{name}, strongest line", f"{one.frequency[int(np.argmax(one.density[1:])) + 1]:.4g} Hz"
     yield "spectra", f"lines {found.spectra[0].resolution:.3g} Hz apart, {found.spectra[0].averages:.3g} averages"

@@ -6,8 +6,6 @@ bad goes to `bad/0007-1` in the same way. Nothing else is remembered: what is do
 made from it.
 """
 
-import csv
-import io
 import json
 import os
 import shutil
@@ -15,6 +13,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from atpid_common.output import folder, writing
 from atpid_control.campaign.plan import CampaignError
@@ -104,12 +104,8 @@ class CampaignFolder:
         """Write index.json and index.csv anew: a convenience, from the points that are there."""
         rows = list(self.records().values())
         _write(self.path / "index.json", rows)
-        text = io.StringIO()
-        names = list(dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, list)))
-        table = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
-        _replace(self.path / "index.csv", text.getvalue())
+        table = pd.DataFrame(rows).drop(columns="events", errors="ignore")
+        _replace(self.path / "index.csv", table.to_csv(index=False, lineterminator="\n"))
 
 
 def _write(path: Path, value: Any) -> None:

@@ -22,7 +22,15 @@ from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.parameters import Parameters, combined, write_parameters
-from atpid_control.stand.parts import EXCITATION, LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, usual_parameters
+from atpid_control.stand.parts import (
+    EXCITATION,
+    LABJACK,
+    NODES,
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    stand_parameters,
+    usual_parameters,
+)  # fmt: skip
 from atpid_control.stand.processes import NodeProcess, Processes
 from atpid_control.stand.running import PLAIN, Commands, command_of, commands_of
 from atpid_driver.emulator import missing_tools
@@ -94,13 +102,7 @@ class GraphStand(Stand):
         parts = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
         parts += [NODES[name] for name in ("identifier_node", "selector_node", _RECORDER)]  # what moves comes first
         scene, file = self._of_graph(point)
-        supervised = [part.name for part in parts if part.name != SUPERVISOR.name]
-        own: Parameters = {
-            SERIAL_MOTOR.name: {"supervised": True}, EXCITATION.name: {"supervised": True},
-            SUPERVISOR.name: {"scene": str(file), "nodes": supervised},
-            "selector_node": {"scene": str(file), "map": str(map_for(scene) or "")},
-            LABJACK.name: {"expect_recorder": False},
-        }  # fmt: skip
+        own = stand_parameters(parts, file, map_for(scene)) | {LABJACK.name: {"expect_recorder": False}}
         parameters = combined(usual_parameters(parts, scene), own, {})
         return parameters, commands_of(self._written(parameters), parts[:-1])
 

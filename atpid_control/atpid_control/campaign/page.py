@@ -26,7 +26,7 @@ from atpid_sim.simulation.simulate import finite
 
 #: Standard deviations within which measurement and simulation agree.
 AGREE = 2.0
-_COLOURS = ("own", "given", "accent", "ink", "muted")
+_COLOURS = ("own", "accent", "ink", "muted", "given_text")
 #: Charts: the column of a record that varies along the axis, its unit and scale, and the words for the chart.
 _AXES = (
     ("height", "height of the ceiling, mm", 1e3, "Efficiency over the height"),

@@ -24,8 +24,6 @@ from atpid_sim.system import Array
 _PERIODS = 2
 #: Scatter of the readings from which a motion is called irregular [-].
 IRREGULAR = 0.02
-#: Length of a simulated point, and how much of its end is used [s]; samples a period.
-_LONG, _USED, _SAMPLES = 60.0, 40.0, 400.0
 #: Of a simulated point: time before it counts, time that counts [s], and of that at least so many measurements; samples
 #: a period.
 _TRANSIENT, _USED, _FEWEST, _SAMPLES = 20.0, 40.0, 4, 400.0

@@ -20,9 +20,7 @@ from atpid_control.campaign.stands import Stand
 from atpid_control.runs.errors import BagError
 from atpid_control.stand.errors import PlantFailedError
 from atpid_sim.scene import Scene
-
-#: Called with how many points are done, and the time that the others will take by those measured now [s]; NaN: unknown.
-Progress = Callable[[int, float], None]
+from atpid_sim.simulation.batch import Progress
 
 
 @contextmanager
@@ -62,8 +60,7 @@ def run_campaign(
     """
     points, present = points_of(campaign, scene), folder.records()
     left = [point for point in points if point.number not in present]
-    begun = time.monotonic()
-    progress(len(present), float("nan"))
+    progress(len(present))
     with ExitStack() as stack:
         for done, (before, point) in enumerate(pairwise((None, *left)), 1):
             assert point is not None
@@ -77,7 +74,7 @@ def run_campaign(
                 stand.rest(lambda: not paused())
             _measure(campaign, scene, stand, folder, point)
             folder.write_index()
-            progress(len(present) + done, (len(left) - done) * (time.monotonic() - begun) / done)
+            progress(len(present) + done)
     folder.write_index()
     return summary(campaign, scene, folder)
 

@@ -7,7 +7,7 @@ import math
 from atpid_common.arguments import positive, word
 from atpid_control.analysis.analyse import analyse
 from atpid_control.analysis.integration import integrated
-from atpid_control.analysis.picture import draw
+from atpid_control.analysis.picture import panels
 from atpid_control.analysis.rows import rows
 from atpid_control.analysis.signals import signals_of
 from atpid_control.analysis.spectra import WINDOWS
@@ -64,8 +64,9 @@ def run(args: argparse.Namespace) -> int:
         if args.integrate:
             part, drifts = integrated(part, args.integrate)
         found = analyse(part, args.resolution, args.window, whole=given)
-        draw(found, picture)
     faults = run.faults(*ends)
     numbers = {"bag": str(args.bag), **found.to_json(), "integrated": drifts, "missing": missing, "faults": faults}
     notes = [*drifts, *(f"not to be trusted: {line}" for line in (*found.doubts, *faults))]
-    return give(args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture))
+    return give(
+        args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture, panels(found))
+    )

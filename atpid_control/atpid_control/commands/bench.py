@@ -141,8 +141,21 @@ def _warm_up_kernels(scene: Scene, identifier: Mapping[str, Any]) -> None:
     """
     console = Console(stderr=True)
     with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
-        Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
+        _advance(scene)
         _identify(scene.frequency_hz, identifier)
+
+
+def compile_kernels(scene_file: str, identifier_file: str | None = None) -> None:
+    """Compile what a scene's plant needs, or with a parameter file what the identification does, as set-up begins."""
+    scene = load_scene(Path(scene_file))
+    if identifier_file is None:
+        _advance(scene)
+    else:
+        _identify(scene.frequency_hz, read_parameters(Path(identifier_file), ["identifier_node"])["identifier_node"])
+
+
+def _advance(scene: Scene) -> None:
+    Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
 
 
 def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:

@@ -3,7 +3,6 @@
 
 import argparse
 import json
-import math
 import os
 import shutil
 import sys
@@ -12,8 +11,6 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 
 from atpid_common import output
@@ -51,16 +48,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: {line}", file=sys.stderr)
     folder = CampaignFolder(args.out.resolve())
     plan = {"campaign": campaign.model_dump(mode="json", exclude={"scene"}), "scene": scene.to_mapping()}
-    console, left = Console(stderr=True), TextColumn("{task.fields[left]}")
-    columns = (TextColumn("points"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left)
     to_stderr(f"pause after a point, or go on: kill -USR1 {os.getpid()}; Ctrl-C ends, the same command goes on")
     with folder.open(plan), stoppable(), pause_by_signal() as paused:
-        with Bar(*columns, console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("points", total=len(points_of(campaign, scene)), left="")
-
-            def progress(done: int, left: float) -> None:
-                bar.update(task, completed=done, left="" if math.isnan(left) else f"{_clock(left)} left")
-
+        with counting("points", len(points_of(campaign, scene))) as progress:
             try:
                 opened = partial(_open, campaign, scene, folder.path)
                 done = run_campaign(campaign, scene, folder, opened, progress, paused)
@@ -82,11 +72,6 @@ def _open(campaign: Campaign, scene: Scene, folder: Path, point: Point) -> Stand
     from atpid_control.campaign.graph import GraphStand
 
     return GraphStand(campaign, scene, point, folder)
-
-
-def _clock(seconds: float) -> str:
-    minutes = math.ceil(seconds / 60.0)
-    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
 
 
 def _line(done: Done) -> str:

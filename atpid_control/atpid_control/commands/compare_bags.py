@@ -11,7 +11,7 @@ from atpid_common.arguments import file_path, word
 from atpid_control.commands.results import Shown, add_results, claim, give
 from atpid_control.runs.parts import bag_of
 from atpid_control.views.comparison.compare import CLOCK, START, Compared, Row, compare_bags
-from atpid_control.views.comparison.picture import draw
+from atpid_control.views.comparison.picture import panels
 from atpid_sim.display import working
 
 PICTURE, NUMBERS = "bags.png", "bags.json"
@@ -32,15 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, write picture and numbers, print; return 0. Raises BagError, BagComparisonError, OutputError."""
-    first, second = map(bag_of, (args.first, args.second))
+    bags = bag_of(args.first), bag_of(args.second)
     picture, file = claim(args, PICTURE, NUMBERS)
-    with working("reading both, repeating their stages by simulation, drawing"):
-        found = compare_bags(first, second, args.align)
-        draw(found, picture)
-    origins = " and ".join(placed.signals.origin for placed in found.runs)
-    notes = [f"samples of: {origins}", *(f"note: {line}" for line in found.doubts)]
-    title = f"{' beside '.join(placed.label for placed in found.runs)}, aligned by {found.aligned_by}"
-    return give(args, found.to_json(), file, Shown(title, table(found), notes, picture))
+    with working("reading both, repeating their stages by simulation"):
+        found = compare_bags(*bags, args.align)
+    notes = [f"note: {line}" for line in found.doubts]
+    first, second = (placed.label for placed in found.runs)
+    title = f"{first} (first) beside {second} (second), aligned by {found.aligned_by}"
+    return give(args, found.to_json(), file, Shown(title, table(found), notes, picture, panels(found)))
 
 
 def table(found: Compared) -> Table:
@@ -49,6 +48,7 @@ def table(found: Compared) -> Table:
     shown.add_column("quantity")
     for name in ("first", "second", "difference", "relative"):
         shown.add_column(name, justify="right", no_wrap=True)
+    shown.add_row("origin of the samples", *(placed.signals.origin for placed in found.runs))
     for row in found.rows:
         scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
         shown.add_row(f"{row.name}{unit and f' [{unit}]'}", *_cells(row, scale))

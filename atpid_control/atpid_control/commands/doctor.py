@@ -18,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("scene", type=file_path, nargs="?", help="scene file of the run; not given: its checks are left out")
     add("--port", type=word, help="serial port of the board; default: that of the motor's parameters")
+    add("--map", type=file_path, metavar="MAP.npz", help="height map of the run; not given: it is not checked")
     add_devices(parser)
     add_parameters(parser)
     add("--bag", type=file_path, help="folder of the bag to make: its disk is checked; default: this folder's")

@@ -3,7 +3,8 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,13 +68,13 @@ def run(args: argparse.Namespace) -> int:
         for row in done[-1][2]:
             print(f"{'as expected' if row.right else 'DIFFERS':11}  {row.what}: {row.found}; expected {row.expected}",
                   file=sys.stderr)  # fmt: skip
-    _draw([(step, run) for step, run, _ in done if run is not None], picture)
+    panels = [[partial(_draw, step=step, run=run)] for step, run, _ in done if run is not None]
     rows = [(step, row) for step, _, found in done for row in found]
     shown = two_columns((f"{step.title}: {row.what}", f"{row.found}; expected {row.expected}") for step, row in rows)
     notes = [f"not as expected: {row.what}: {row.remedy}" for _, row in rows if not row.right] + skipped
     numbers = {"scene": str(args.scene), "missing": [], "notes": notes,
                "steps": {step.name: [row._asdict() for row in found] for step, _, found in done}}  # fmt: skip
-    give(args, numbers, file, Shown(f"First measurement of {args.scene.stem}", shown, notes, picture))
+    give(args, numbers, file, Shown(f"First measurement of {args.scene.stem}", shown, notes, picture, panels))
     return int(not all(row.right for _, row in rows))
 
 
@@ -135,19 +136,12 @@ def _scene(scene: Scene, step: Step, motor: Mapping[str, Any]) -> Scene:
     )  # fmt: skip
 
 
-def _draw(runs: Sequence[tuple[Step, Run]], path: Path) -> None:
-    """Draw what the sensors measured in each step, and the ceiling."""
-    from atpid_sim.figure_numbers import drawn
-
-    with drawn(path, "--out", dpi=110, nrows=max(1, len(runs)), ncols=1, squeeze=False,
-               figsize=(11.0, 2.6 * max(1, len(runs)))) as (_, axes):  # fmt: skip
-        for ax, (step, run) in zip(axes[:, 0], runs, strict=False):
-            signals, _ = signals_of(run)
-            for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units,
-                                          strict=True):  # fmt: skip
-                moved = values - np.nanmedian(values)
-                ax.plot(signals.time, moved, linewidth=0.7, label=f"{name.replace('_', ' ')} about its median [{unit}]")
-            if step.move:
-                ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
-            ax.set(title=step.title, xlabel="time [s]")
-            ax.legend(loc="upper right")
+def _draw(ax: Any, step: Step, run: Run) -> None:
+    """Draw what the sensors measured in a step, and the ceiling."""
+    signals, _ = signals_of(run)
+    for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units, strict=True):
+        moved = values - np.nanmedian(values)
+        ax.plot(signals.time, moved, linewidth=0.7, label=f"{name.replace('_', ' ')} about its median [{unit}]")
+    if step.move:
+        ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
+    ax.set(title=step.title, xlabel="time [s]")

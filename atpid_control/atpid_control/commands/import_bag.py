@@ -4,7 +4,7 @@
 import argparse
 
 from atpid_common.arguments import file_path, real, refuse, text
-from atpid_control.runs.imports.make import READERS, import_files
+from atpid_control.runs.import_files import READERS, import_files
 from atpid_sim.display import working
 
 EXAMPLE = "measured.csv --out out/measured --channels beam_displacement=Laser:mm support_displacement=Shaker:m:0.002"

@@ -15,7 +15,8 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
-from atpid_control.views.static_page import document, png_address, table, warnings
+from atpid_control.views.static_page import document, drawn, facts, table, warnings
+from atpid_sim.figure_numbers import Panels, save_panels
 from atpid_sim.simulation.simulate import finite
 
 _WIDTH = 110
@@ -28,6 +29,7 @@ class Shown(NamedTuple):
     table: Table
     notes: Sequence[str]  # a line each
     picture: Path
+    panels: Panels  # of the picture, and of the page
 
 
 def add_results(parser: argparse.ArgumentParser, what: str = "picture and numbers") -> None:
@@ -74,7 +76,7 @@ def _page_of(picture: Path) -> Path:
 
 
 def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown: Shown) -> int:
-    """Write the numbers, NaN as null, and the page, and print them or the table with its notes; return 0.
+    """Write the numbers, NaN as null, the picture and the page, and print them or the table with its notes; return 0.
 
     Raises OutputError.
 
@@ -84,6 +86,7 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         page = _page_of(shown.picture)
+        save_panels(shown.panels, shown.picture)
         page.write_text(_page(shown, numbers["missing"]), encoding="utf-8")
     if args.json:
         print(json.dumps(plain, allow_nan=False))
@@ -97,15 +100,15 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
 
 
 def _page(shown: Shown, missing: Iterable[str]) -> str:
-    """Return the results as a page: the picture, the table, the notes."""
+    """Return the results as a page: the panels, the table, the notes."""
     heads = [str(column.header) for column in shown.table.columns]
     rows = zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True)
-    address = png_address(shown.picture.read_bytes())
     parts = (
         f"<h1>{escape(shown.title)}</h1>",
-        f'<figure><img src="{address}" alt="{escape(shown.title)}"></figure>',
-        table(shown.title, heads, rows),
         warnings([*shown.notes, *(f"missing: {line}" for line in missing)]),
+        drawn(shown.panels),
+        "<h2>In numbers</h2>",
+        table(shown.title, heads, rows) if any(heads) else facts(rows),
     )
     return document(shown.title, parts, "ol.events li{grid-template-columns:10px 1fr} td{white-space:normal}")
 

@@ -17,7 +17,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import EXCITATION, NAMES, NODES, SUPERVISOR, Part, devices_of, usual_parameters
+from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, Part, devices_of, stand_parameters, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -67,17 +67,13 @@ def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file:
     usual = usual_parameters(parts, scene)
     method = given.get("selector_node", {}).get("method", "")
     height_map = map_of_run(scene, args.map and args.map.absolute(), method)
-    supervised = [part.name for part in parts if part.name not in (SUPERVISOR.name, "live_node")]
-    named = {"scene": str(args.scene.absolute())}
     kept = [str(path) for path in (file, height_map) if path]
-    own: Parameters = {
-        "motor_node": {"supervised": True} | ({"check_move": args.move} if args.move else {}),
-        EXCITATION.name: {"supervised": True} if args.excitation_config else {},
-        "supervisor_node": named | {"nodes": supervised, "restart_time": RESTART_TIME if args.restarts else 0.0},
-        "selector_node": named | {"map": str(height_map or "")},
-        "recorder_node": named | {"bag": str(args.bag.absolute()) if args.bag else "", "files": kept},
-        "live_node": live_page.parameters(args),
-    }
+    bag = str(args.bag.absolute()) if args.bag else ""
+    own = stand_parameters(parts, args.scene, height_map)
+    own["motor_node"] |= {"check_move": args.move} if args.move else {}
+    own["supervisor_node"]["restart_time"] = RESTART_TIME if args.restarts else 0.0
+    own["recorder_node"] = {"scene": str(args.scene.absolute()), "bag": bag, "files": kept}
+    own["live_node"] = live_page.parameters(args)
     return combined(usual, own, given)
 
 

@@ -11,7 +11,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_control.analysis.validation.compare import Agreement, compare, driven_scene
 from atpid_control.analysis.validation.measured import Measured, read_measured, scene_of
-from atpid_control.analysis.validation.picture import draw
+from atpid_control.analysis.validation.picture import panels
 from atpid_control.commands.results import Shown, add_part, add_results, claim, give, two_columns
 from atpid_control.runs.parts import bag_of
 from atpid_control.runs.run import open_run
@@ -61,7 +61,6 @@ def run(args: argparse.Namespace) -> int:
         kept.write_text(driven.to_yaml(), encoding="utf-8")
     with working("simulating"):
         found = compare(driven, measured, args.fidelity)
-        draw(found, picture)
     end = measured.begin + measured.duration
     faults = recorded.faults(measured.begin, end)
     numbers = {
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     }  # fmt: skip
     notes = [f"not to be trusted: {line}" for line in faults]
     title = f"{args.recording} beside its simulation"
-    return give(args, numbers, file, Shown(title, _table(found, measured), notes, picture))
+    return give(args, numbers, file, Shown(title, _table(found, measured), notes, picture, panels(found)))
 
 
 def _write_series(measured: Measured, path: Path) -> None:

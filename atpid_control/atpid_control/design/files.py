@@ -12,10 +12,9 @@ from atpid_common import output
 from atpid_common.vocabulary import DRIVES
 from atpid_control.design.make import Design
 from atpid_control.design.page import page
-from atpid_control.design.picture import draw
+from atpid_control.design.picture import panels
 from atpid_control.design.problem import RTOL, Problem, mapping_of, time_constant
-from atpid_sim.figure_numbers import metadata_of
-from atpid_sim.figure_style import LIGHT
+from atpid_sim.figure_numbers import save_panels
 from atpid_sim.maps import HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
@@ -39,8 +38,7 @@ def write(made: Design, folder: Path) -> list[Path]:
         text = json.dumps(made.to_json(), indent=1, allow_nan=False) + "\n"
         (folder / NUMBERS).write_text(text, encoding="utf-8")
         (folder / PAGE).write_text(page(made), encoding="utf-8")
-        drawing = draw(made, LIGHT)
-        drawing.savefig(folder / PICTURE, dpi=110, metadata=metadata_of(drawing))
+    save_panels(panels(made), folder / PICTURE)
     return [folder / name for name in (PAGE, NUMBERS, PICTURE, SCENE, MAP)]
 
 

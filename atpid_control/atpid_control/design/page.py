@@ -1,34 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a design: self-contained HTML in the style of the reports, light or dark by the reader's setting."""
 
-import io
 import math
 from collections.abc import Sequence
 from html import escape
 
-from matplotlib.figure import Figure
-
 from atpid_control.design import motor
 from atpid_control.design.beside_tuned_mass import MassRow
 from atpid_control.design.make import Design
-from atpid_control.design.picture import draw_each
+from atpid_control.design.picture import panels
 from atpid_control.design.problem import STANDARD_GRAVITY, Problem, Uncertainty
 from atpid_control.design.sketch import sketch
 from atpid_control.design.worst_case import Interval, Point
 from atpid_control.views.report.stages import per_cent
-from atpid_control.views.static_page import Cell, document, facts, png_address, table, warnings
-from atpid_sim.figure_style import DARK, LIGHT
+from atpid_control.views.static_page import Cell, document, drawn, facts, table, warnings
 
 _CSS = """
 h1 { max-width: 32em; } .tiles { grid-template-columns: repeat(auto-fit, minmax(280px, 1fr)); }
-.panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 18px 24px; }
 ol.events li { grid-template-columns: 10px 1fr; } th, td { padding-left: 12px; }
 """
 
 
 def page(made: Design) -> str:
     """Return the whole page."""
-    parts = (_header, _tiles, _warnings, _pictures, _promise, _grains, _motor, _tuned_mass, _assumed, _next, _footer)
+    parts = (_header, _tiles, _warnings, _panels, _promise, _grains, _motor, _tuned_mass, _assumed, _next, _footer)
     return document(headline(made), (part(made) for part in parts), _CSS)
 
 
@@ -122,23 +117,8 @@ def _warnings(made: Design) -> str:
     return f"<h2>Limits</h2>{warnings(made.warnings) or '<p>None of the limits in docs/design.md is met.</p>'}"
 
 
-def _pictures(made: Design) -> str:
-    """Return the panels, each a picture of its own, so that a narrow screen shows one below the other."""
-    pairs = zip(draw_each(made, LIGHT), draw_each(made, DARK), strict=True)
-    return f'<figure class="panels">{"".join(_picture(*pair) for pair in pairs)}</figure>'
-
-
-def _picture(light: Figure, dark: Figure) -> str:
-    return (
-        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{_address(dark)}">'
-        f'<img src="{_address(light)}" alt="{escape(light.axes[0].get_title(loc="left"))}"></picture>'
-    )
-
-
-def _address(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
-    return png_address(buffer.getvalue())
+def _panels(made: Design) -> str:
+    return drawn(panels(made))
 
 
 def _promise(made: Design) -> str:

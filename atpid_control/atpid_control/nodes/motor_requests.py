@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The services of motor and exciter, by which the supervisor stops and arms them, and reports what they confirm."""
 
+from __future__ import annotations
+
 import time
 from typing import Any
 

@@ -123,8 +123,9 @@ class Contents:
             self.types[channel.topic] = kind
             self.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
         else:
-            given = f"encoded as {channel.message_encoding!r} or without a ros2msg definition that can be read"
-            self._foreign[channel.topic] = f"left out, {given}"
+            given = channel.message_encoding
+            why = f"encoded as {given!r}" if given != "cdr" else "without a definition in ros2msg that can be read"
+            self._foreign[channel.topic] = f"left out, {why}"
 
     def _count(self, channel: Channel, message: Message) -> None:
         """Count a message; of samples the last block is kept, which is decoded only where the file breaks off."""

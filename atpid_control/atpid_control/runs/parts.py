@@ -30,6 +30,9 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         raise BagError(f"{path}: no such bag; give a bag's folder, or that of the run with it")
     named = (sorted(path.glob(f"*{ending}"), key=_place) for ending in (".mcap", sqlite.ENDING))
     files = [path] if path.is_file() else next(filter(None, named), [])
+    if not files and (packed := sorted(path.glob("*.zstd"))):
+        convert = f"`rosbags-convert --src {path} --dst NEW` writes a bag that is not"
+        raise BagError(f"{packed[0]}: compressed as a file by rosbag2; {convert}")
     if not files:
         raise BagError(
             f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give a bag's folder, or that of the "
@@ -108,9 +111,6 @@ def check_listed(folder: Path, files: Iterable[Path], information: Any) -> None:
     except (LookupError, TypeError):
         path = folder / metadata.FILE_NAME
         raise BagError(f"{path}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
-    if information.get("compression_format"):
-        convert = f"`rosbags-convert --src {folder} --dst NEW` writes one that is not"
-        raise BagError(f"{folder}: compressed by rosbag2 ({information['compression_format']}); {convert}")
     there = {file.name for file in files}
     if missing := sorted(listed - there):
         raise BagError(

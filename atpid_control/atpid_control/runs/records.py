@@ -7,7 +7,8 @@ with a limit, and records inside a chunk are made one by one.
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -25,6 +26,8 @@ from atpid_control.runs.sqlite import NO_RECOVERY, sqlite_records
 
 #: Largest chunk when unpacked [bytes]; those of rosbag2 have 0.8 MB, ours 16 kB.
 LARGEST_CHUNK = 2**28
+#: What a compressed message begins with; plain CDR begins with 0.
+_ZSTD = b"\x28\xb5\x2f\xfd"
 #: What a byte of LZ4 unpacks to at most [bytes].
 _LZ4 = 255
 #: Ids of a file of a split bag begin at its place times this: MCAP's own have 16 bits.
@@ -94,7 +97,7 @@ def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
     with file.open("rb") as stream:
         in_sqlite = stream.read(len(SQLITE)) == SQLITE
         try:
-            yield from sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok)
+            yield from plain(sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok))
         except GeneratorExit:
             raise
         except Exception as error:  # the library raises many types of errors for damaged bytes
@@ -126,9 +129,8 @@ def unpacked(chunk: Chunk) -> bytes:
     if size > LARGEST_CHUNK:
         raise ValueError(f"a chunk of {size} bytes; at most {LARGEST_CHUNK}")
     if chunk.compression == "zstd":
-        # at most what the record states: a frame may state more, for which the library would take the memory
         try:
-            data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+            data = _unpacked_zstd(chunk.data, size)
         except zstandard.ZstdError:
             raise ValueError("a chunk cannot be unpacked") from None
     elif chunk.compression == "lz4":
@@ -145,6 +147,20 @@ def unpacked(chunk: Chunk) -> bytes:
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError("a chunk does not have its checksum")
     return data
+
+
+def _unpacked_zstd(data: bytes, most: int) -> bytes:
+    """Return a frame's contents, up to a byte beyond `most`: it may state more, which would take the memory."""
+    return zstandard.ZstdDecompressor().stream_reader(data).read(most + 1)
+
+
+def plain(found: Iterable[McapRecord]) -> Iterator[McapRecord]:
+    """Yield records, of messages that rosbag2 has compressed one by one the contents; one that is damaged stays."""
+    for record in found:
+        if isinstance(record, Message) and record.data[: len(_ZSTD)] == _ZSTD:
+            with suppress(zstandard.ZstdError):
+                record.data = _unpacked_zstd(record.data, LARGEST_CHUNK)
+        yield record
 
 
 def inside(data: bytes) -> Iterator[McapRecord]:

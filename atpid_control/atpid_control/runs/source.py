@@ -74,6 +74,11 @@ class Source(Contents):
         what = f"; {self.missing[0]}" if self.missing else ""
         return BagError(f"{self.path}: no message in this bag can be used{what}; give one with a recording")
 
+    def no_samples(self, form: str) -> BagError:
+        """Return the error of a bag, or part of it, whose tables a format for samples cannot hold."""
+        what = "there are no samples in this bag, or part of it; give --format csv or mat"
+        return BagError(f"{self.path}: --format {form}: {what}")
+
     @property
     def missing(self) -> list[str]:
         """What the bag does not have and should, a line each; known when `pieces` has ended."""

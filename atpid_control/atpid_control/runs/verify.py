@@ -20,7 +20,7 @@ from atpid_control.runs.decode import Decoder
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import Losses
 from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
-from atpid_control.runs.records import IDS, BoundedFile, channel_of, records, renumbered
+from atpid_control.runs.records import IDS, BoundedFile, channel_of, plain, records, renumbered
 from atpid_control.runs.salvage import Damage, salvage
 from atpid_control.runs.writer import LIBRARY
 
@@ -131,7 +131,7 @@ def salvaged(file: Path, lines: list[str]) -> Iterator[McapRecord]:
     if file.suffix == sqlite.ENDING:
         raise BagError(f"{file}: a bag in sqlite3 is not recovered here; {sqlite.NO_RECOVERY}")
     try:
-        for record in salvage(file):
+        for record in plain(salvage(file)):
             if not isinstance(record, Damage):
                 yield record
                 continue

@@ -143,6 +143,16 @@ def own_parameters(
     return parameters
 
 
+def stand_parameters(parts: Iterable[Part], scene_file: Path, height_map: Path | None) -> Parameters:
+    """Return what a run sets in the nodes of a stand, `parts`."""
+    named = {"scene": str(scene_file.absolute())}
+    others = [part.name for part in parts if part.name not in (SUPERVISOR.name, LIVE.name)]
+    return {
+        SERIAL_MOTOR.name: {"supervised": True}, EXCITATION.name: {"supervised": True},
+        SUPERVISOR.name: named | {"nodes": others}, "selector_node": named | {"map": str(height_map or "")},
+    }  # fmt: skip
+
+
 def excitation_parameters(scene: Scene) -> dict[str, Any]:
     """Return backend and limits of the simulated exciter: any amplitude of the scene, at any useful frequency."""
     own = scene.natural_frequency_hz

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page of headings, tables and pictures: self-contained HTML, light or dark by the reader's setting."""
+"""A page of headings, tables and panels: self-contained HTML, light or dark by the reader's setting."""
 
-import base64
-from collections.abc import Iterable, Mapping, Sequence
+import io
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.resources import files
+from itertools import chain
+from typing import Any
 
-from atpid_sim.figure_style import DARK, LIGHT, Palette
+import matplotlib
+from matplotlib.figure import Figure
+
+from atpid_sim.figure_numbers import Panels, legend_below
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ def document(title: str, parts: Iterable[str], css: str = "") -> str:
         "<!doctype html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{colours()}{style_sheet()}img{{width:100%;height:auto}}{css}</style></head><body><main>",
+        f"<style>{colours()}{style_sheet()}{css}</style></head><body><main>",
         *parts,
         "</main></body></html>\n",
     ])  # fmt: skip
@@ -50,13 +57,13 @@ def style_sheet() -> str:
 
 
 def table(name: str, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """Return a table in a region that scrolls sideways; without a head where all of `heads` are empty."""
+    """Return a table in a region that scrolls sideways."""
     head = "".join(f"<th>{escape(text)}</th>" for text in heads)
     body = "".join(f"<tr>{''.join(map(_cell, heads, row))}</tr>" for row in rows)
     # a region that scrolls is reached by the keyboard too
     return (
         f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(name)}"><table>'
-        f"{f'<thead><tr>{head}</tr></thead>' if any(heads) else ''}<tbody>{body}</tbody></table></div>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
 
@@ -68,9 +75,10 @@ def _cell(head: str, cell: Cell) -> str:
     return f'<td data-name="{escape(head)}"><div>{escape(text)}{small}</div></td>'
 
 
-def facts(named: Mapping[str, str]) -> str:
+def facts(named: Mapping[str, str] | Iterable[Sequence[str]]) -> str:
     """Return names and what they are as a list."""
-    return f"<dl>{''.join(f'<dt>{escape(name)}</dt><dd>{escape(text)}</dd>' for name, text in named.items())}</dl>"
+    pairs = named.items() if isinstance(named, Mapping) else named
+    return f"<dl>{''.join(f'<dt>{escape(name)}</dt><dd>{escape(text)}</dd>' for name, text in pairs)}</dl>"
 
 
 def warnings(lines: Iterable[str]) -> str:
@@ -79,6 +87,25 @@ def warnings(lines: Iterable[str]) -> str:
     return f'<ol class="events">{items}</ol>' if items else ""
 
 
-def png_address(content: bytes) -> str:
-    """Return the bytes of a PNG as the address of an image."""
-    return f"data:image/png;base64,{base64.b64encode(content).decode()}"
+def drawn(panels: Panels) -> str:
+    """Return each panel as a drawing of its own: side by side, on a narrow screen below each other."""
+    return f'<div class="panels">{"".join(map(_drawing, chain.from_iterable(panels)))}</div>'
+
+
+def _drawing(draw: Callable[[Any], None]) -> str:
+    """Return a panel as SVG whose text is text and whose colours are those of the page's scheme."""
+    with matplotlib.rc_context(style(LIGHT) | {"svg.fonttype": "none", "legend.fontsize": SIZE}):
+        figure = Figure(figsize=(4.6, 3.4), layout="constrained")
+        axes = figure.subplots()
+        draw(axes)
+        legend_below(axes)
+        title = escape(axes.get_title(loc="left"))
+        axes.set_title("")  # on the page it may have several lines
+        buffer = io.StringIO()
+        matplotlib.rcParams["svg.hashsalt"] = title
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text, named = buffer.getvalue(), f'<svg role="img" aria-label="{title}"'
+    shown = re.sub(r'<g id="[^"]*"', "<g", text[text.index("<svg") :])  # ids of one page are unique
+    for name, value in asdict(LIGHT).items():
+        shown = shown.replace(value, f"var(--{name})")
+    return f"<figure><figcaption>{title}</figcaption>{shown.replace('<svg', named, 1)}</figure>"

@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import importlib
 import io
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -80,29 +81,54 @@ def call(ljm: Any, name: str, *arguments: object) -> Any:
         raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None
 
 
-def open_t7(ljm: Any, connection: str, serial: int) -> int:
-    """Return a handle of the T7 asked for; failing that of any T7, so that a wrong one is distinguished from none."""
-    if serial:
-        with contextlib.suppress(errors.DeviceMissingError):
-            return int(call(ljm, "openS", "T7", connection, serial))
-    return int(call(ljm, "openS", "T7", connection, "ANY"))
+class T7:
+    """A T7 through LJM: what those that read it and those that write to it share."""
+
+    _ljm: Any = None
+    _handle: int | None = None
+    close: Callable[[], None]
+
+    def _connect(self, library: str, connection: str, serial: int) -> int:
+        """Connect to the T7 asked for, failing that to any, so that a wrong one is distinguished from none.
+
+        Return the serial number found. Raises WrongDeviceError.
+        """
+        self._ljm = load_ljm(library)
+        self._handle = None
+        if serial:
+            with contextlib.suppress(errors.DeviceMissingError):
+                self._handle = int(call(self._ljm, "openS", "T7", connection, serial))
+        if self._handle is None:
+            self._handle = int(call(self._ljm, "openS", "T7", connection, "ANY"))
+        found = int(self._call("getHandleInfo")[2])
+        if serial not in (0, found):
+            self.close()
+            raise errors.WrongDeviceError(f"the T7 has serial number {found}, expected {serial}: set `serial`")
+        return found
+
+    def _call_ignoring(self, codes: frozenset[int], name: str) -> None:
+        if self._handle is None:
+            return
+        try:
+            self._call(name)
+        except errors.AcquisitionError as error:
+            if error.code not in codes:
+                raise
+
+    def _call(self, name: str, *arguments: object) -> Any:
+        return call(self._ljm, name, self._handle, *arguments)
 
 
-class LabJackAcquisition(Device):
+class LabJackAcquisition(T7, Device):
     """One T7. See Acquisition for what each call promises."""
 
     def __init__(self, settings: LabJackSettings) -> None:
         self._settings: LabJackSettings = settings
-        self._ljm: Any = None
-        self._handle: int | None = None
 
     def open(self) -> DeviceIdentity:
         """Connect over `connection` and check the serial number."""
         settings = self._settings
-        self._ljm = load_ljm(settings.library)
-        self._handle = open_t7(self._ljm, settings.connection, settings.serial)
-        serial = self._call("getHandleInfo", self._handle)[2]
-        self._check_serial("the T7 has", serial)
+        serial = self._connect(settings.library, settings.connection, settings.serial)
         return DeviceIdentity("labjack", serial)
 
     def start(self) -> float:
@@ -110,8 +136,8 @@ class LabJackAcquisition(Device):
         settings = self._settings
         self._configure()
         terminals = [channel.terminal for channel in settings.channels]
-        addresses = self._call("namesToAddresses", len(terminals), terminals)[0]
-        arguments = (self._handle, settings.scans_per_block, len(addresses), addresses, settings.rate)
+        addresses = call(self._ljm, "namesToAddresses", len(terminals), terminals)[0]
+        arguments = (settings.scans_per_block, len(addresses), addresses, settings.rate)
         return self._started(float(self._call("eStreamStart", *arguments)))
 
     def skew(self) -> tuple[float, ...]:
@@ -120,7 +146,7 @@ class LabJackAcquisition(Device):
 
     def _take(self) -> tuple[Volts, int]:
         """Wait in LJM, which a read error stops; -9999 V becomes NaN and is counted."""
-        data, device_backlog, host_backlog = self._call("eStreamRead", self._handle)
+        data, device_backlog, host_backlog = self._call("eStreamRead")
         volts = np.array(data, dtype=np.float64).reshape(-1, len(self._settings.channels))
         lost = volts == DUMMY_VOLTS
         if lost.any():
@@ -152,16 +178,4 @@ class LabJackAcquisition(Device):
         }
         # After a program that was killed the stream still runs, and the stream registers cannot be written.
         self._call_ignoring(STOPPED_ALREADY, "eStreamStop")
-        self._call("eWriteNames", self._handle, len(registers), list(registers), list(registers.values()))
-
-    def _call_ignoring(self, codes: frozenset[int], name: str) -> None:
-        if self._handle is None:
-            return
-        try:
-            self._call(name, self._handle)
-        except errors.AcquisitionError as error:
-            if error.code not in codes:
-                raise
-
-    def _call(self, name: str, *arguments: object) -> Any:
-        return call(self._ljm, name, *arguments)
+        self._call("eWriteNames", len(registers), list(registers), list(registers.values()))

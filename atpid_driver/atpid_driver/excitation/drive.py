@@ -6,13 +6,17 @@ from dataclasses import dataclass
 from math import nan
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.errors import NotReadyError
+from atpid_driver import DriverError, NotReadyError
 from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.excitation.signals import Command, Generator, Point, check
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
 MOST_LATE = 1.0
 NOWHERE = Point(0.0, 0.0)
+
+
+class OutputLostError(DriverError):
+    """The device is missing, taken or has been lost; its output cannot be confirmed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +33,7 @@ class Output:
 
 
 class ExcitationDrive(ABC):
-    """An exciter's output. All calls come from one thread; any may raise ExcitationError."""
+    """An exciter's output. All calls come from one thread; any may raise DriverError."""
 
     def __init__(self, settings: ExcitationSettings) -> None:
         """Begin unconnected."""

@@ -15,8 +15,7 @@ from typing import Any
 
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
-from atpid_driver.excitation.drive import ExcitationDrive, Output
-from atpid_driver.excitation.errors import OutputLostError
+from atpid_driver.excitation.drive import ExcitationDrive, Output, OutputLostError
 from atpid_driver.excitation.outlets import OUTLETS, calibration_of
 from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.excitation.signals import unit_signal

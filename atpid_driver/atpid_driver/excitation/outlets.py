@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import labjack, nidaqmx
-from atpid_driver.acquisition.errors import AcquisitionError, SetupRefusedError
+from atpid_driver.acquisition.errors import SetupRefusedError
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import Calibration, CalibrationError, load
 from atpid_driver.excitation.drive import Output, output_of
@@ -71,27 +71,17 @@ class Outlet(ABC):
         return np.clip(volts_of(self._calibration, values), *self._calibration.limits_volts)
 
 
-class _T7(Outlet):
+class _T7(labjack.T7, Outlet):
     """What both outputs of a T7 share: the device, and the watchdog that switches its outputs off by itself."""
 
     _resets = False  # whether the watchdog resets the device, which also ends a stream
-
-    def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
-        super().__init__(settings, calibration)
-        self._ljm: Any = None
-        self._handle: int | None = None
 
     def open(self) -> str:
         """See Outlet."""
         settings = self._settings
         if settings.terminal not in ("DAC0", "DAC1"):
             raise SetupRefusedError(f"terminal: given {settings.terminal!r}; allowed: DAC0 or DAC1")
-        self._ljm = labjack.load_ljm(settings.library)
-        self._handle = labjack.open_t7(self._ljm, settings.connection, settings.serial)
-        found = int(self._call("getHandleInfo")[2])
-        if settings.serial not in (0, found):
-            self.close()
-            raise SetupRefusedError(f"the T7 has serial number {found}, expected {settings.serial}: set `serial`")
+        found = self._connect(settings.library, settings.connection, settings.serial)
         self.rest()
         self._set_watchdog()
         return f"labjack:{found} {settings.terminal}"
@@ -110,9 +100,6 @@ class _T7(Outlet):
             return
         names, values = ["WATCHDOG_ENABLE_DEFAULT", *names], [0.0, *wanted.values(), 1.0]
         self._call("eWriteNames", len(names), names, values)
-
-    def _call(self, name: str, *arguments: object) -> Any:
-        return labjack.call(self._ljm, name, self._handle, *arguments)
 
     def rest(self) -> None:
         """See Outlet."""
@@ -203,11 +190,7 @@ class T7Stream(_Streamed, _T7):
         """See Outlet: the stream ends, and the output is set."""
         if self._streams:
             self._streams = False
-            try:
-                self._call("eStreamStop")
-            except AcquisitionError as error:
-                if error.code not in labjack.STOPPED_ALREADY:
-                    raise
+            self._call_ignoring(labjack.STOPPED_ALREADY, "eStreamStop")
         super().rest()
 
 

@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the excitation node, declared and checked in one place. Limits have no defaults."""
+"""Parameters of the excitation node. Limits have no defaults."""
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import Final
 
-from atpid_driver.excitation.errors import ExcitationError
-from atpid_driver.motor.settings import described
+from atpid_driver import SettingsError
+from atpid_driver.settings import SupervisedSettings, described
 
 BACKENDS: Final = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
 
 
-@dataclass(frozen=True, slots=True)
-class ExcitationSettings:
+@dataclass(frozen=True, kw_only=True)
+class ExcitationSettings(SupervisedSettings):
     """Parameters of the excitation node, SI units. Amplitudes are of the support [m], or of a driving force [N]."""
 
     backend: str = described(
@@ -22,11 +21,8 @@ class ExcitationSettings:
     )
     highest_amplitude: float = described(
         "largest amplitude that may be commanded, of the support [m] or of a force [N]; of labjack_dac the eccentric "
-        "disc's, the only one there is",
-        "",
-        0.0,
-        1e6,
-    )
+        "disc's, the only one there is", "", 1e-9, 1e6,
+    )  # fmt: skip
     lowest_frequency: float = described("lowest frequency that may be commanded", "Hz", 0.0, 1e5)
     highest_frequency: float = described("highest frequency that may be commanded", "Hz", 0.0, 1e5)
     rise_time: float = described("from no output to the largest amplitude", "s", 0.01, 600.0, default=2.0)
@@ -35,23 +31,11 @@ class ExcitationSettings:
     )
     stop_time: float = described("from any output to none, after a stop and without commands", "s", 0.01, 0.15,
                                  default=0.05)  # fmt: skip
-    lockstep: bool = described("answer each estimate with one state instead of publishing on an own period",
-                               default=False)  # fmt: skip
-    autostart: bool = described("configure and activate without a lifecycle manager", default=True)
     rate: float = described("states published per second; not used in lockstep", "Hz", 20.0, 200.0, default=20.0)
-    command_timeout: float = described("a command that waited longer is ignored; not used in lockstep", "s", 0.01, 10.0,
-                                       default=0.5)  # fmt: skip
     stale_timeout: float = described(
         "silence of excitation/command after which the output ramps down; not used in lockstep", "s", 0.1, 60.0,
         default=1.2,
     )  # fmt: skip
-    commander: str = described(
-        "name of the only node whose commands are followed; empty: of any, one at a time", default=""
-    )
-    supervised: bool = described("no output but while the supervisor permits motion; not used in lockstep",
-                                 default=False)  # fmt: skip
-    supervision_timeout: float = described("silence of the supervisor that withdraws its permission", "s", 0.1, 10.0,
-                                           default=0.3)  # fmt: skip
     hold_tolerance: float = described("with hold: amplitude and frequency are held within this share", "-", 1e-4, 0.5,
                                       default=0.01)  # fmt: skip
     most_correction: float = described("with hold: the output is at most this many times the command's, or its inverse",
@@ -71,17 +55,14 @@ class ExcitationSettings:
     library: str = described("path of the vendor's library; empty: that of the system", default="")
 
     def __post_init__(self) -> None:
-        """Raise `ExcitationError` for an invalid value."""
-        for name in ("highest_amplitude", "highest_frequency"):
-            value = getattr(self, name)
-            if not (isfinite(value) and value > 0.0):
-                raise ExcitationError(f"{name} {value:g}: must be a number above 0")
+        """Raise `SettingsError` for an invalid value."""
+        super().__post_init__()
         if not 0.0 < self.lowest_frequency < self.highest_frequency:
-            raise ExcitationError(
+            raise SettingsError(
                 f"lowest_frequency {self.lowest_frequency:g} Hz, highest_frequency {self.highest_frequency:g} Hz: need "
                 "0 < lowest < highest"
             )
         if self.backend != "simulated" and not self.calibration:
-            raise ExcitationError("calibration is empty: give the file that converts the output's voltage")
+            raise SettingsError("calibration is empty: give the file that converts the output's voltage")
         if self.backend != "simulated" and self.lockstep:
-            raise ExcitationError(f"lockstep with backend {self.backend}: a real output has its own clock")
+            raise SettingsError(f"lockstep with backend {self.backend}: a real output has its own clock")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.errors import CommandRefusedError
+from atpid_driver import DriverError
 from atpid_driver.excitation.settings import ExcitationSettings
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,10 @@ _MOST_BYTES = 100_000_000
 TONES_ALONE = ("simulated", "labjack_dac")
 #: Within this share a command has to be the amplitude of an eccentric drive.
 _AMPLITUDE_MATCH = 0.01
+
+
+class CommandRefusedError(DriverError):
+    """A command outside the limits, or one that the backend cannot put out; the output stays as it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,10 @@ from math import inf
 from typing import Final
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError, NotReadyError
 from atpid_driver.clock import DeviceClock
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
+from atpid_driver.motor.errors import LinkError
 from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
 from atpid_driver.motor.protocol import NAME, IdentityReply, Refusal, Reply, StateReply
 from atpid_driver.motor.session import (
@@ -141,7 +142,7 @@ class Dialogue:
         self._opened, self._round_trip = now, 0.0
         self._clock, self._least_trip = DeviceClock(), inf
 
-    def lost(self, error: MotorError) -> None:
+    def lost(self, error: DriverError) -> None:
         """Discard the state, latch the loss if the motor was armed, report the error once. A stop remains."""
         self.identified = False
         self._latched |= MotorFault.LINK_LOST if self.heartbeat else NO_FAULT
@@ -338,7 +339,7 @@ class Dialogue:
         self._sequence = move.sequence
         self.reading = replace(self.reading, sequence=self._sequence)
 
-    def end_arming(self, error: MotorError) -> None:
+    def end_arming(self, error: DriverError) -> None:
         """Give up arming, with the reason for who waits for it."""
         arming, self._arming = self._arming, None
         if arming is not None:

@@ -1,34 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
 
-from atpid_driver import DriverError
-
-
-class MotorError(DriverError):
-    """A command or a setting that the motor refuses, or a motor that cannot be reached."""
-
-
-class SettingsError(MotorError):
-    """A parameter of the motor node is missing or impossible."""
+from atpid_driver import DriverError, SettingsError
 
 
 class LimitsError(SettingsError):
     """The limits asked for are not possible, or not inside those built into the firmware."""
 
 
-class HeightRefusedError(MotorError):
+class HeightRefusedError(DriverError):
     """A height outside the limits; the ceiling stays on its present target."""
 
 
-class CommandStaleError(MotorError):
+class CommandStaleError(DriverError):
     """A command that waited longer than the time-out between receipt and execution."""
 
 
-class NotReadyError(MotorError):
-    """A command while the motor is not armed, not homed or in a fault."""
-
-
-class LinkError(MotorError):
+class LinkError(DriverError):
     """The port is missing, taken, silent or was pulled out."""
 
 
@@ -40,5 +28,5 @@ class IdentityError(LinkError):
     """The board at the port does not run the firmware of this driver."""
 
 
-class ProtocolError(MotorError):
+class ProtocolError(DriverError):
     """A frame that breaks the protocol: wrong check sum, form or field."""

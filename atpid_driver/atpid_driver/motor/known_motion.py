@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from math import isnan, nan
 
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError, SettingsError
 from atpid_driver.motor.ceiling_actuator import Limits, Reading
-from atpid_driver.motor.errors import MotorError, SettingsError
 from atpid_driver.motor.faults import in_words
 
 #: How far a height may be from the commanded one [m], and the speed from the given one [-].
@@ -20,7 +20,7 @@ ANNOUNCED = 1.0
 _SAME = 1e-6  # a height on the wire is a whole number of micrometres [m]
 
 
-class KnownMotionError(MotorError):
+class KnownMotionError(DriverError):
     """The ceiling did not move as it was commanded."""
 
 

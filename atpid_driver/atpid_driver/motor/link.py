@@ -13,9 +13,10 @@ from contextlib import closing
 from typing import Final, TypeVar
 
 from atpid_common.real_time import as_main_thread
+from atpid_driver import DriverError, NotReadyError
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.dialogue import CONFIRM_TIME, Dialogue
-from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError, StopNotConfirmedError
+from atpid_driver.motor.errors import LinkError, StopNotConfirmedError
 from atpid_driver.motor.protocol import IdentityReply
 from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.session import SessionLostError
@@ -59,7 +60,7 @@ class Link:
         self._thread.start()
         try:
             return self._first.result()
-        except MotorError:
+        except DriverError:
             self.stop()
             self.reports()  # the caller gets the error itself
             raise
@@ -89,7 +90,7 @@ class Link:
         self._state(lambda now: self._dialogue.move(target, sequence, now))
 
     def arm(self) -> None:
-        """Arm, and home if the reference is lost. Raises `MotorError` where the board does not accept it."""
+        """Arm, and home if the reference is lost. Raises `DriverError` where the board does not accept it."""
         done = self._state(self._dialogue.arm)
         try:
             done.result(timeout=ARM_TIME)
@@ -145,14 +146,14 @@ class Link:
             try:
                 with closing(SerialPort(self._settings.port, self._settings.baud)) as port:
                     self._serve(port)
-            except MotorError as error:
+            except DriverError as error:
                 self._failed(error)
             except Exception as error:  # noqa: BLE001  # an exception would end the thread without a report
                 self._failed(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
             wait = FIRST_WAIT if self._dialogue.identity is not before else min(2 * wait, LONGEST_WAIT)
             self._closing.wait(wait)
 
-    def _failed(self, error: MotorError) -> None:
+    def _failed(self, error: DriverError) -> None:
         with self._lock:
             self._dialogue.lost(error)
         if not self._first.done():

@@ -12,8 +12,9 @@ from math import isnan, nan
 
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import DriverError, NotReadyError, SettingsError
 from atpid_driver.motor.ceiling_actuator import Identity, Reading
-from atpid_driver.motor.errors import MotorError, NotReadyError, SettingsError, StopNotConfirmedError
+from atpid_driver.motor.errors import StopNotConfirmedError
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.link import Link
 from atpid_driver.motor.protocol import micrometres
@@ -49,7 +50,7 @@ class SerialActuator:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""
         try:
             self._link.arm()
-        except MotorError:
+        except DriverError:
             with suppress(StopNotConfirmedError):
                 self._link.disarm()
             raise

@@ -10,8 +10,8 @@ from math import copysign, isnan, nan
 
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
-from atpid_driver.motor.errors import NotReadyError
 from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
 from atpid_driver.motor.simulated_faults import FaultyActuator
 

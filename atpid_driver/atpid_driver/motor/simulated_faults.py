@@ -11,8 +11,8 @@ import numpy as np
 
 from atpid_common.injected_faults import TO_THE_SWITCH, Injected, active_fault
 from atpid_common.vocabulary import Mode
+from atpid_driver import NotReadyError
 from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
-from atpid_driver.motor.errors import NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
 
 _STEP_NS = 1_000_000

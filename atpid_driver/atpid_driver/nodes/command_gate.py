@@ -9,11 +9,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from atpid_common.latency import Latencies
-from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.motor.errors import CommandStaleError
 from atpid_driver.motor.freshness import Freshness
-from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.nodes.authority import Commander
+from atpid_driver.settings import SupervisedSettings
 
 
 class CommandGate:
@@ -24,9 +23,12 @@ class CommandGate:
     """
 
     def __init__(
-        self, node: Node, topic: str, settings: MotorSettings | ExcitationSettings,
+        self,
+        node: Node,
+        topic: str,
+        settings: SupervisedSettings,
         publish_event: Callable[[int, str, float, str], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin; publish_event: called with severity, kind, value and text."""
         self._settings, self._publish_event = settings, publish_event
         self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)

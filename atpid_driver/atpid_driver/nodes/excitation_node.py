@@ -20,27 +20,22 @@ from std_msgs.msg import Header
 from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.messages import EVENTS, STATES, STEADY, nanoseconds_of, time_of
+from atpid_common.nodes.messages import STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
-from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import ExciterKind, ExciterMode, Frame, Quality
 from atpid_driver import DriverError
 from atpid_driver.calibration.convert import shipped_calibrations
 from atpid_driver.excitation import ExcitationSettings, drive_of
-from atpid_driver.excitation.drive import Output
-from atpid_driver.excitation.errors import CommandRefusedError, ExcitationError, NotReadyError, OutputLostError
+from atpid_driver.excitation.drive import Output, OutputLostError
 from atpid_driver.excitation.hold import Hold
-from atpid_driver.excitation.signals import OFF, Command
-from atpid_driver.nodes.authority import MotionPermit
-from atpid_driver.nodes.command_gate import CommandGate
+from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError
 from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
 #: The node's parameters, as `ExcitationSettings` declares them.
 TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
-COMMANDS, STATE = "excitation/command", "excitation/state"
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
 LOOP_DELAY = 0.2
 
@@ -60,11 +55,13 @@ def command_of(message: ExcitationCommand) -> Command:
 class ExcitationNode(SupervisedNode):
     """Puts out what `excitation/command` asks for: see the module's text."""
 
+    DEVICE, COMMANDS, STATE = "excitation", "excitation/command", "excitation/state"
+    SILENCE = "the excitation ramps down"
     settings: ExcitationSettings
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
-        super().__init__("excitation_node", "excitation", **kwargs)
+        super().__init__("excitation_node", **kwargs)
         try:
             self.settings = ExcitationSettings(**declare(self, TABLE))
             self._drive = drive_of(self.settings, shipped_calibrations)
@@ -75,30 +72,9 @@ class ExcitationNode(SupervisedNode):
         self._command, self._fault, self._measured = OFF, "", (nan, nan)
         self._estimated = 0  # stamp of the last estimate acted on [ns]
         self._output = Output(ExciterMode.UNCONFIGURED)
-        self._open_topics()
-        self._begin()
-
-    def _open_topics(self) -> None:
-        lockstep = self.settings.lockstep
-        self._supervision = NodeMonitors(self, self._events.publish, self._statuses, self.settings.stale_timeout,
-                                         self._on_silence, enabled=not lockstep)  # fmt: skip
-        self._supervision.stale.watch(COMMANDS, "the excitation ramps down")
-        qos = self._supervision.qos
-        self._states = self.create_publisher(ExcitationState, STATE, STATES, event_callbacks=qos.publisher(STATE))
-        self._gate = CommandGate(self, COMMANDS, self.settings, self._publish_event)
-        subscribe(self, ExcitationCommand, COMMANDS, self._on_command, 1, event_callbacks=qos.subscription(COMMANDS))
+        self._open_topics(ExcitationCommand, ExcitationState, 1)
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
-        if not lockstep:
-            subscribe(self, Event, "events", self._on_event, EVENTS)
-            self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
-        supervised = self.settings.supervised and not lockstep
-        self._permit = MotionPermit(
-            self, self._stop, self.settings.supervision_timeout, self._ramp_down_without_permit, supervised=supervised
-        )
-
-    def _on_event(self, event: Event) -> None:
-        if event.kind == Event.STARTED:
-            self._gate.restart()
+        self._begin()
 
     def _configure(self) -> None:
         identity = self._drive.connect()
@@ -106,10 +82,7 @@ class ExcitationNode(SupervisedNode):
         self.get_logger().info(f"connected to {identity}; output off")
 
     def _activate(self) -> None:
-        if self._duplicates.inhibits_motion:
-            raise ExcitationError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
-        if not self._permit.granted:
-            raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
+        self._check_permitted()
         if self._fault:
             self._configure()  # the device was lost
         self._drive.enable()
@@ -131,21 +104,15 @@ class ExcitationNode(SupervisedNode):
         self._drive.close()
 
     def _on_command(self, message: ExcitationCommand, info: dict[str, int]) -> None:
-        if self._gate.is_foreign(info):
-            if self._gate.several_senders:
-                self._ramp_down()
-            self._gate.report_foreign(message.amplitude)
+        if self._is_foreign(message.amplitude, info):
             return
         stamp = nanoseconds_of(message.header.stamp)
         self._gate.receive(stamp, info)
         try:
             command = command_of(message)
-            if not self._active and command.kind is not ExciterKind.OFF:
-                raise NotReadyError(f"{command.kind.name} refused: the excitation node is {self._state_and_remedy()}")
-            if not self._permit.granted:
-                raise NotReadyError(f"{command.kind.name} not taken up: {self._permit.reason}")
-            self._gate.check_fresh(info, self._now())
-            self._follow(command)
+            if self._active or command is not OFF:
+                self._check_command(command.kind.name, info)
+                self._follow(command)
         except OutputLostError as error:
             self._lost(error)
         except DriverError as error:
@@ -155,11 +122,9 @@ class ExcitationNode(SupervisedNode):
             if command is OFF:
                 self._supervision.stale.cancel()  # nothing has to come any more
             else:
-                self._supervision.stale.received(COMMANDS)
+                self._supervision.stale.received(self.COMMANDS)
 
     def _follow(self, command: Command) -> None:
-        if not self._active:
-            return
         self._drive.follow(command)
         if repr(command) != repr(self._command):
             self._command = command
@@ -188,14 +153,14 @@ class ExcitationNode(SupervisedNode):
         amplitude, frequency = self._hold.factors
         self._drive.correct(amplitude, frequency, waits=self._hold.waits)
 
-    def _ramp_down_without_permit(self) -> None:
+    def _heed_permit(self) -> None:
         if self._active and not self._permit.granted and self._command is not OFF:
             severity = Event.INFO if self._permit.ending else Event.ALARM
             self._publish_event(severity, Event.SUPERVISION, nan, f"the excitation ramps down: {self._permit.reason}")
-            self._ramp_down()
+            self._halt()
 
     def _each_period(self) -> None:
-        self._ramp_down_without_permit()
+        self._heed_permit()
         self._publish(self._turn())
 
     def _turn(self) -> Output:
@@ -227,11 +192,7 @@ class ExcitationNode(SupervisedNode):
             measured_frequency=frequency, output=output.volts,
         ))  # fmt: skip
 
-    def _on_silence(self) -> None:
-        if self._supervision.stale.stale:
-            self._ramp_down()
-
-    def _ramp_down(self) -> None:
+    def _halt(self) -> None:
         if self._active and self._command is not OFF:
             self._command = OFF
             self._drive.stop()

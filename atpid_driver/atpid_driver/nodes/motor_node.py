@@ -24,39 +24,37 @@ from std_srvs.srv import Trigger
 
 from atpid_common.errors import BAD_INPUT, InputError
 from atpid_common.injected_faults import Injected
-from atpid_common.nodes.checked import subscribe
-from atpid_common.nodes.messages import EVENTS, STEADY, nanoseconds_of, time_of
+from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import LiveParameters, Publish
-from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame, Mode
+from atpid_driver import DriverError, NotReadyError
 from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import HeightRefusedError, MotorError, NotReadyError, StopNotConfirmedError
+from atpid_driver.motor.errors import HeightRefusedError, StopNotConfirmedError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
-from atpid_driver.nodes.authority import MotionPermit
-from atpid_driver.nodes.command_gate import CommandGate
 from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
 from atpid_driver.nodes.simulated_ceiling import FaultInjection, PlantCeiling
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
-COMMANDS, STATE = "ceiling/command", "ceiling/state"
 
 
 class MotorNode(SupervisedNode):
     """Moves the ceiling to the heights of `ceiling/command`, in lockstep or in real time: see the module's text."""
 
+    DEVICE, COMMANDS, STATE = "motor", "ceiling/command", "ceiling/state"
+    SILENCE = "the ceiling is stopped"
     settings: MotorSettings
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
-        super().__init__("motor_node", "motor", **kwargs)
+        super().__init__("motor_node", **kwargs)
         try:
             values = LiveParameters(self, TABLE)
             self.settings = settings_of(values.__getitem__)
@@ -72,32 +70,14 @@ class MotorNode(SupervisedNode):
         self.done: Future = Future()  # of the exit status: this node ends where the known motion fails
         self.error = ""
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
-        publish = self._open_topics()
-        if not self.settings.lockstep:
-            self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
+        self._open_topics(CeilingCommand, CeilingState, LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH)
+        self._was_granted = self._permit.granted
+        self.create_service(Trigger, "~/rearm", self._on_rearm)
         self._begin()
         if not self._actuator.placed:
             self._plant_ceiling = PlantCeiling(self, self._place)
         self._inject(self.settings.injected)
-        values.follow(lambda value: settings_of(value).injected, self._inject, publish)
-
-    def _open_topics(self) -> Publish:
-        lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
-        publish = self._events.publish
-        self._supervision = NodeMonitors(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
-        self._supervision.stale.watch(COMMANDS, "the ceiling is stopped")
-        if not lockstep:
-            subscribe(self, Event, "events", self._on_event, EVENTS)
-        qos = self._supervision.qos
-        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
-        depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
-        subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
-        self._gate = CommandGate(self, COMMANDS, self.settings, self._publish_event)
-        supervised = self.settings.supervised and not lockstep
-        self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
-        self._was_granted = self._permit.granted
-        self.create_service(Trigger, "~/rearm", self._on_rearm)
-        return publish
+        values.follow(lambda value: settings_of(value).injected, self._inject, self._events.publish)
 
     def _place(self, height: float) -> None:
         self._actuator.place(height, self._now())
@@ -107,8 +87,7 @@ class MotorNode(SupervisedNode):
 
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
-        if event.kind == Event.STARTED:
-            self._gate.restart()
+        super()._on_event(event)
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -116,10 +95,7 @@ class MotorNode(SupervisedNode):
         self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
 
     def _activate(self) -> None:
-        if self._duplicates.inhibits_motion:
-            raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
-        if not self._permit.granted:
-            raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
+        self._check_permitted()
         self._arm()
         self._active = True
         wanted = self.settings.initial_height
@@ -144,16 +120,13 @@ class MotorNode(SupervisedNode):
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
-        if not handshake and self._gate.is_foreign(info):
-            if self._gate.several_senders:
-                self._initial = None
-                self._stop_moving()
-            self._gate.report_foreign(command.height)
-            self._supervision.stale.received(COMMANDS)
+        if not handshake and self._is_foreign(command.height, info):
+            self._supervision.stale.received(self.COMMANDS)
         elif not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
             self._actuator = self._injection.begin(self._actuator, self._now())
-            self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
+            period = (self._stamp - before) * 1e-9 if before else 0.0
+            self._supervision.stale.received(self.COMMANDS, self._stamp, period)
             self._gate.receive(self._stamp, info)
             self._move(command, info)
         reading = self._read()
@@ -166,14 +139,9 @@ class MotorNode(SupervisedNode):
         if not self._known_motion.passed:
             self._end("known motion: a height was commanded before it was made; start the source with handshake: true")
         try:
-            if not self._active:
-                text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
-                raise NotReadyError(text)
-            if not self._permit.granted:
-                raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
-            self._gate.check_fresh(info, self._now())
+            self._check_command(f"ceiling height {command.height:g} m", info)
             self._actuator.move(command.height, command.sequence, self._now())
-        except MotorError as error:
+        except DriverError as error:
             outside = isinstance(error, HeightRefusedError)
             if outside or isfinite(command.height):  # once, whatever heights a ramp commands to one that is not ready
                 self._gate.refuse(command.height if outside else None, command.height, error)
@@ -204,7 +172,7 @@ class MotorNode(SupervisedNode):
             return
         try:
             self._actuator.move(height, 0, self._now())
-        except MotorError as error:
+        except DriverError as error:
             self._report_once(str(error))
 
     def _move_as_known(self, reading: Reading) -> None:
@@ -222,7 +190,7 @@ class MotorNode(SupervisedNode):
             height = motion.turn(reading, now)
             if isfinite(height):
                 self._actuator.move(height, 0, self._now())
-        except MotorError as error:
+        except DriverError as error:
             self._end(str(error) if isinstance(error, KnownMotionError) else f"known motion: {error}")
         else:
             if motion.passed:
@@ -277,14 +245,14 @@ class MotorNode(SupervisedNode):
         self._states.publish(state_of(reading, header, handshake=handshake))
         self._injection.publish_truth(self._actuator, reading, header, handshake=handshake)
 
-    def _on_silence(self) -> None:
+    def _halt(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
-        if self._supervision.stale.stale:
-            self._stop_moving()
+        self._initial = None
+        self._stop_moving()
 
     def _stop_moving(self) -> None:
         if self._active:
-            with suppress(MotorError):  # not ready: it does not move
+            with suppress(DriverError):  # not ready: it does not move
                 self._actuator.move(nan, self._reading().sequence, self._now())
 
     def _statuses(self) -> list[DiagnosticStatus]:
@@ -298,11 +266,10 @@ class MotorNode(SupervisedNode):
         """Clear latched faults whose cause is gone, arm and home; only on request of a person."""
         try:
             if not self._active:
-                raise MotorError(f"the motor node is {self._state_and_remedy()}")
-            if not self._permit.granted:
-                raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
+                raise NotReadyError(f"the motor node is {self._state_and_remedy()}")
+            self._check_permitted()
             self._arm()
-        except MotorError as error:
+        except DriverError as error:
             response.success, response.message = False, str(error)
         else:
             response.success, response.message = True, "armed; homing if its height is lost"

@@ -4,18 +4,21 @@
 import time
 from collections.abc import Callable
 from math import nan
-from typing import Any
+from typing import Any, ClassVar
 
 from atpid_interfaces.msg import Event
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import STEADY, time_of
-from atpid_driver import DriverError
-from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.motor.settings import MotorSettings
+from atpid_common.nodes.messages import EVENTS, STATES, STEADY, time_of
+from atpid_common.nodes.supervision import NodeMonitors
+from atpid_driver import DriverError, NotReadyError
 from atpid_driver.nodes.authority import DuplicateNodes, MotionPermit
+from atpid_driver.nodes.command_gate import CommandGate
 from atpid_driver.nodes.device_node import DeviceNode
+from atpid_driver.settings import SupervisedSettings
 
 RETRY = 1.0
 PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
@@ -28,20 +31,82 @@ REMEDIES = {
 
 
 class SupervisedNode(DeviceNode):
-    """What motor and exciter share; the subclass sets what is declared here, and calls `_begin`."""
+    """What motor and exciter share; the subclass sets what is declared here, and calls `_open_topics` and `_begin`."""
 
-    settings: MotorSettings | ExcitationSettings
-    _permit: MotionPermit
+    #: Name of the device in messages, topics of its commands and states, and what is done without commands.
+    DEVICE: ClassVar[str]
+    COMMANDS: ClassVar[str]
+    STATE: ClassVar[str]
+    SILENCE: ClassVar[str]
+    settings: SupervisedSettings
+    _on_command: Callable[[Any, dict[str, int]], None]
+    _each_period: Callable[[], None]
+    _statuses: Callable[[], list[DiagnosticStatus]]
+    _halt: Callable[[], None]  # ends what moves; the next command moves it again
     _off: Callable[[], None]  # switches the device off and confirms it
 
-    def __init__(self, name: str, device: str, **kwargs: Any) -> None:
-        """Begin; device: what is switched off, in messages."""
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        """Begin."""
         super().__init__(name, **kwargs)
-        self._device = device
         self._connected = self._active = False
         self._stamp = 0  # of the last message that is answered, in lockstep the time [ns]
         self._duplicates = DuplicateNodes(self)
         self._events = EventPublisher(self)
+
+    def _open_topics(self, command: type, state: type, depth: int) -> None:
+        """Follow commands and publish states; in real time also those of an own period, as the supervisor permits."""
+        settings, in_time = self.settings, not self.settings.lockstep
+        self._supervision = NodeMonitors(
+            self, self._events.publish, self._statuses, settings.stale_timeout, self._on_silence, enabled=in_time
+        )
+        self._supervision.stale.watch(self.COMMANDS, self.SILENCE)
+        qos = self._supervision.qos
+        self._states = self.create_publisher(state, self.STATE, STATES, event_callbacks=qos.publisher(self.STATE))
+        callbacks = qos.subscription(self.COMMANDS)
+        subscribe(self, command, self.COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        self._gate = CommandGate(self, self.COMMANDS, settings, self._publish_event)
+        supervised = settings.supervised and in_time
+        self._permit = MotionPermit(
+            self, self._stop, settings.supervision_timeout, self._heed_permit, supervised=supervised
+        )
+        if in_time:
+            subscribe(self, Event, "events", self._on_event, EVENTS)
+            self.create_timer(1.0 / settings.rate, self._each_period, clock=STEADY)
+
+    def _heed_permit(self) -> None:
+        """End what moves where the supervisor does not permit it any more."""
+
+    def _on_event(self, event: Event) -> None:
+        if event.kind == Event.STARTED:
+            self._gate.restart()
+
+    def _on_silence(self) -> None:
+        if self._supervision.stale.stale:
+            self._halt()
+
+    def _check_permitted(self) -> None:
+        """Raise NotReadyError where nothing may be switched on."""
+        if self._duplicates.inhibits_motion:
+            raise NotReadyError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
+        if not self._permit.granted:
+            raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
+
+    def _check_command(self, what: str, info: dict[str, int]) -> None:
+        """Raise NotReadyError or CommandStaleError where `what` is commanded and may not move anything now."""
+        if not self._active:
+            raise NotReadyError(f"{what} refused: the {self.DEVICE} node is {self._state_and_remedy()}")
+        if not self._permit.granted:
+            raise NotReadyError(f"{what} not taken up: {self._permit.reason}")
+        self._gate.check_fresh(info, self._now())
+
+    def _is_foreign(self, value: float, info: dict[str, int]) -> bool:
+        """Return whether a command, of `value`, is not of the sender that is followed; beside another nothing moves."""
+        if not self._gate.is_foreign(info):
+            return False
+        if self._gate.several_senders:
+            self._halt()
+        self._gate.report_foreign(value)
+        return True
 
     def _begin(self) -> None:
         """Look for duplicates and offer the stop from now on; start where no lifecycle manager does."""
@@ -81,7 +146,7 @@ class SupervisedNode(DeviceNode):
         self._end_starting()
         if self._active:
             self.trigger_deactivate()
-            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"{self._device} switched off: {reason}")
+            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"{self.DEVICE} switched off: {reason}")
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop at once on request of the operator: the answer is the device's own state."""
@@ -93,7 +158,7 @@ class SupervisedNode(DeviceNode):
             response.success, response.message = False, str(error)
         else:
             again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
-            response.success, response.message = True, f"{self._device} off; {again} arms it again"
+            response.success, response.message = True, f"{self.DEVICE} off; {again} arms it again"
         return response
 
     def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:

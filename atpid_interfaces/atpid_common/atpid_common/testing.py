@@ -7,6 +7,7 @@ alone is tested as in the whole repository.
 
 import os
 import random
+import signal
 import socket
 import threading
 import time
@@ -59,6 +60,9 @@ def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Apply the settings that are the same for all packages."""
+    for number in (signal.SIGHUP, signal.SIGINT):  # of which `nohup` and a background job let programs ignore one
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL if number == signal.SIGHUP else signal.default_int_handler)
     for line in WARNINGS:
         config.addinivalue_line("filterwarnings", line)
     config.addinivalue_line("markers", SLOW)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the stream's blocks to messages."""
 
+from __future__ import annotations
+
 import numpy as np
 from atpid_interfaces.msg import PlantTruth, SampleBlock
 

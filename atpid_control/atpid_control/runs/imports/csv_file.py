@@ -4,6 +4,7 @@
 import csv
 import re
 from collections import Counter
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from atpid_control.runs.imports.series import PIECE, Given, Series, mapped, time
 from atpid_control.runs.imports.units import si_of
 
 _SAMPLE = 1 << 17  # from which the layout is found [bytes]
-_LINES, _SEPARATORS = 200, ";\t,| "
+_LINES, _STARTS, _SEPARATORS = 200, 20, ";\t,| "
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d")
 _NAMED = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
 #: pandas reads floats to the last digit by default from version 3 on.
@@ -35,6 +36,15 @@ class _Layout(NamedTuple):
 
 def read(path: Path, given: Given) -> list[Series]:
     """Return the columns of a table. Raises BagError."""
+    columns, rate, start_ns = read_columns(path, given)
+    return timed(path, "", columns, given, rate, start_ns)
+
+
+def read_columns(path: Path, given: Given) -> tuple[dict[str, tuple[str, Any]], float | None, int | None]:
+    """Return unit and values (n,) of each column of numbers, and what is stated above: rate [Hz], first stamp [ns].
+
+    An empty cell is NaN. Raises BagError.
+    """
     lines, encoding = _lines(path)
     signs = [(separator, decimal) for separator in _SEPARATORS for decimal in ".," if separator != decimal]
     fits = filter(None, (_fit(lines, *one) for one in signs))
@@ -50,7 +60,7 @@ def read(path: Path, given: Given) -> list[Series]:
         if name.startswith("column_") and len(columns) > 1 and np.array_equal(values, np.arange(len(values))):
             given.notes.append(f"{path.name}: {name}: left out, it numbers the rows")
             del columns[name]
-    return timed(path, "", columns, given, rate, start_ns)
+    return columns, rate, start_ns
 
 
 def _lines(path: Path) -> tuple[list[str], str]:
@@ -74,16 +84,23 @@ def _fit(lines: list[str], separator: str, decimal: str) -> tuple[tuple[bool, in
     rows = [_cells(line, separator) for line in lines]
     starts = (place for place in range(min(len(rows) - 1, _LINES)) if not lines[place].lstrip().startswith("#")
               and _is_data(rows[place], decimal) and not _numbers(*rows[place : place + 2]))  # fmt: skip
-    first = next(starts, None)
-    if first is None:
-        return None
+    # lines above a table may have numbers, too: `Samples 500 500`
+    found = (_from(rows, first, separator, decimal) for first in islice(starts, _STARTS))
+    return next(filter(None, found), None)
+
+
+def _from(
+    rows: list[list[str]], first: int, separator: str, decimal: str
+) -> tuple[tuple[bool, int, int], _Layout] | None:
+    """Return the same where the numbers begin in row `first`; None: they do not."""
     width, body = len(rows[first]), [row for row in rows[first : first + _LINES] if row != [""]]
     same = [row for row in body if len(row) == width]
     kinds = [[_kind(cell, decimal) for cell in column] for column in zip(*same, strict=True)]
     texts, dates = ([place for place, kind in enumerate(kinds) if kind.count(which) > 0.5 * len(kind)]
                     for which in ("text", "date"))  # fmt: skip
     wrong = sum(kind.count("text") for place, kind in enumerate(kinds) if place not in texts)
-    if len(same) < max(2, 0.9 * len(body) - 1) or len(texts) == width or wrong > 0.1 * len(same) * width:
+    odd = any(kind[0] == "text" for place, kind in enumerate(kinds) if place not in texts)
+    if odd or len(same) < max(2, 0.9 * len(body) - 1) or len(texts) == width or wrong > 0.1 * len(same) * width:
         return None
     headed, names, units = _names([row for row in rows[:first] if row != [""]], width)
     return (headed, width - len(texts), -wrong), _Layout(separator, decimal, first, names, units, texts, dates)
@@ -91,7 +108,7 @@ def _fit(lines: list[str], separator: str, decimal: str) -> tuple[tuple[bool, in
 
 def _cells(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split() or [""]
+        return line.lstrip("#").split() or [""]  # numpy.savetxt begins its header so
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])] or [""]
 
 

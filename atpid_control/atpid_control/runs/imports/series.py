@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a reader of files gives: channels with their names and units as the file has them, and when they were sampled.
 
-A format is a module with a function `read`, in the table of `make`: BagError where a file is none of its kind; other
-errors of a library count as that too. A library that set-up leaves out is imported in it.
+A format is a module with a function `read`, in the table of `import_files`: BagError where a file is none of its kind;
+other errors of a library count as that too. A library that set-up leaves out is imported in it.
 """
 
 import math
@@ -81,7 +81,8 @@ def timed(
 
     `rate` [Hz] and `start_ns` are what the file states. Raises BagError: neither, or no even times.
     """
-    time = given.time or next((name for known in _TIMES for name in columns if name.lower() == known), "")
+    usual = [known for known in _TIMES if known != "x" or not (rate or given.rate)]
+    time = given.time or next((name for known in usual for name in columns if name.lower() == known), "")
     if given.time and time not in columns:
         raise BagError(f"{path}: --time: given {time}; in the file: {', '.join(columns)[:200]}")
     lengths = [len(values) for _, values in columns.values()]

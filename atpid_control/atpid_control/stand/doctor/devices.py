@@ -47,7 +47,7 @@ def board(at: Subject) -> Iterator[Finding]:
         yield problem
         return
     with closing(SerialActuator(settings)) as actuator:
-        identity = actuator.connect(0)  # raises MotorError: silent, another firmware, limits wider than its own
+        identity = actuator.connect(0)  # raises DriverError: silent, another firmware, limits wider than its own
         faults = in_words(actuator.observe(0).faults)
     yield judged(f"{identity.name} {identity.version} answers at {settings.port}")
     if faults:
@@ -130,7 +130,7 @@ def exciter(at: Subject) -> Iterator[Finding]:
     if "excitation_node" in running(at):
         raise NotCheckedError("excitation_node runs: its output would be switched off")
     with closing(drive_of(settings, shipped_calibrations)) as drive:
-        yield judged(f"{drive.connect()} answers")  # raises ExcitationError
+        yield judged(f"{drive.connect()} answers")  # raises DriverError
 
 
 def calibrations(at: Subject) -> Iterator[Finding]:

@@ -83,15 +83,29 @@ class Subject:
         return load_scene(self.options.scene)
 
     @cached_property
+    def given(self) -> Parameters:
+        """The values of the user's parameter file. Raises AtpidError."""
+        from atpid_control.stand.parameters import read_parameters
+        from atpid_control.stand.parts import NAMES
+
+        return read_parameters(self.options.params_file, NAMES) if self.options.params_file else {}
+
+    @cached_property
     def parameters(self) -> Parameters:
         """What the devices' nodes and the supervisor would start with. Raises AtpidError."""
-        from atpid_control.stand.parameters import combined, read_parameters
-        from atpid_control.stand.parts import NAMES, SUPERVISOR, devices_of
+        from atpid_control.stand.errors import BenchError
+        from atpid_control.stand.parameters import combined
+        from atpid_control.stand.parts import SUPERVISOR, devices_of
 
-        given = read_parameters(self.options.params_file, NAMES) if self.options.params_file else {}
         usual = {part.name: part.configured() for part in (*devices_of(self.options), SUPERVISOR)}
         port = {"motor_node": {"port": self.options.port}} if self.options.port else {}
-        return combined(usual, port, given)
+        for node, name, value in ((node, *item) for node, values in self.given.items() for item in values.items()):
+            known = usual.get(node, {}).get(name, value)
+            if type(value) is not type(known):  # rcl converts nothing: 100 is no number of type double
+                raise BenchError(
+                    f"{name} of {node}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}"
+                )
+        return combined(usual, port, self.given)
 
 
 def examine(subject: Subject, checks: Mapping[str, tuple[str, str]]) -> Iterator[Finding]:

@@ -147,13 +147,19 @@ def nodes(at: Subject) -> Iterator[Finding]:
 
 
 def scene(at: Subject) -> Iterator[Finding]:
-    """Check the scene."""
+    """Check the scene, and the height map that is given for it."""
+    from atpid_control.selection.map_cache import map_of_run
+
     at.scene.refuse_faults("the stand")
     for line in at.scene.warnings():
         yield judged(line, "correct the scene", degrades=True)
     moved = "" if at.scene.ceiling.controlled else "; its ceiling has no controller: the height stays"
     yield judged(f"valid, {at.scene.natural_frequency_hz:.3g} Hz closed{moved}", "ceiling: {controller: lookup, …}",
                  degrades=bool(moved))  # fmt: skip
+    if at.options.map:
+        method = at.given.get("selector_node", {}).get("method", "")
+        map_of_run(at.scene, at.options.map, method)  # raises InputError: no map, or of another system
+        yield judged(f"{at.options.map} is a map of it")
 
 
 def parameters(at: Subject) -> Iterator[Finding]:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags as files for other programs: CSV, UFF 58, MATLAB and Parquet (docs/reading.md)."""
+"""Bags as files for other programs: CSV, UFF 58, MATLAB, Parquet and TDMS (docs/reading.md)."""

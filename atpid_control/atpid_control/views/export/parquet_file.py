@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from atpid_control.runs.errors import BagError
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import TEXT, Column, Piece, Table
 
@@ -15,24 +14,14 @@ from atpid_control.runs.tables import TEXT, Column, Piece, Table
 _GROUP = 131_072
 
 
-def library() -> tuple[Any, Any]:
-    """Return the modules pyarrow and pyarrow.parquet; raise BagError where they are not installed."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise BagError(
-            "--format parquet: needs pyarrow, which is not installed; `make parquet` installs it (170 MB), or give "
-            "--format csv, mat or uff"
-        ) from None
-    return pyarrow, pyarrow.parquet
-
-
 class _File:
     """One table while it is written, in row groups."""
 
     def __init__(self, table: Table, path: Path, stack: ExitStack) -> None:
-        self._arrow, parquet = library()
+        import pyarrow
+        import pyarrow.parquet as parquet
+
+        self._arrow = pyarrow
         self.table, self.path = table, path
         self._schema = self._arrow.schema([self._field(column) for column in table.columns])
         self._writer = stack.enter_context(parquet.ParquetWriter(path, self._schema))
@@ -66,7 +55,6 @@ class _File:
 
 def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tuple[Table, Path]]:
     """Write each table to a file in `folder`; yield what was made. Raises OSError, BagError."""
-    library()
     files: dict[str, _File] = {}
     with ExitStack() as stack:
         for piece in pieces:

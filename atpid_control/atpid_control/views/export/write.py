@@ -7,7 +7,10 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +18,20 @@ from atpid_common import output
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import TIME, Piece, Table
-from atpid_control.views.export import csv_file, mat_file, parquet_file, uff_file
+from atpid_control.views.export import csv_file, mat_file, parquet_file, tdms_file, uff_file
 
-#: Format: its writer, the endings a file of it may have, and whether it holds one table only.
-FORMATS = {
-    "csv": (csv_file.write, (".csv",), True),
-    "uff": (uff_file.write, (".uff", ".unv"), False),
-    "mat": (mat_file.write, (".mat",), False),
-    "parquet": (parquet_file.write, (".parquet",), True),
+_ALONE, _SAMPLES = "a table a file", "samples alone"
+#: Format: its writer, the endings a file of it may have, and what it can hold.
+FORMATS: dict[str, tuple[Any, tuple[str, ...], str]] = {
+    "csv": (csv_file.write, (".csv",), _ALONE),
+    "uff": (uff_file.write, (".uff", ".unv"), _SAMPLES),
+    "uff-ascii": (partial(uff_file.write, ascii=True), (".uff", ".unv"), _SAMPLES),
+    "mat": (mat_file.write, (".mat",), ""),
+    "parquet": (parquet_file.write, (".parquet",), _ALONE),
+    "tdms": (tdms_file.write, (".tdms",), _SAMPLES),
 }
+#: What a format needs that set-up leaves out: the module, and what installs it.
+_NEEDS = {"parquet": ("pyarrow", "make parquet"), "tdms": ("nptdms", "make import")}
 #: The table that gets the name given: the measured displacements where they are there.
 _FIRST = "sensors/laser"
 #: Rows written at once, at least, or as many pieces.
@@ -47,13 +55,12 @@ def export(
 
     Nothing is written where the export fails. Raises BagError, OutputError.
     """
-    writer, endings, single = FORMATS[form]
+    writer, endings, holds = FORMATS[form]
     if out.suffix.lower() not in endings:
         raise BagError(f"--out: given {out}; allowed with --format {form}: a file that ends in {endings[0]}")
-    if form == "parquet":
-        parquet_file.library()
+    _check_installed(form)
     output.file(out, replace=replace)
-    beside = sorted(out.parent.glob(f"{out.stem}.*{out.suffix}")) if single else []
+    beside = sorted(out.parent.glob(f"{out.stem}.*{out.suffix}")) if holds == _ALONE else []
     if beside and not replace:
         raise BagError(f"{beside[0]}: exists already; give another --out, or --force to replace it")
     source = Source(bag, topics)
@@ -64,9 +71,19 @@ def export(
             raise source.empty()
         if not rows:
             raise BagError(f"{bag}: no row from {begin:g} to {end:g} s; give a part in which something was recorded")
-        held = [table.name for table in source.tables if table.rate is None and table.rows] if form == "uff" else []
-        files = _placed(made, {name: count for name, count in rows.items() if name not in held}, out)
-    return Exported(files, source.missing, held)
+        others = [table.name for table in source.tables if table.rate is None and table.rows and holds == _SAMPLES]
+        files = _placed(made, {name: count for name, count in rows.items() if name not in others}, out)
+    return Exported(files, source.missing, others)
+
+
+def _check_installed(form: str) -> None:
+    """Raise BagError where what the format needs is not installed."""
+    module, how = _NEEDS.get(form, ("", ""))
+    try:
+        _ = module and import_module(module)
+    except ImportError as error:
+        needed = f"needs {error.name}, which is not installed"
+        raise BagError(f"--format {form}: {needed}; `{how}` installs it, or give --format csv, mat or uff") from None
 
 
 def _placed(made: list[tuple[Table | None, Path]], rows: Mapping[str, int], out: Path) -> list[tuple[Path, str]]:

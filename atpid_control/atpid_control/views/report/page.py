@@ -61,7 +61,7 @@ def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
         "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
         "modes": _modes(view.run.scene), "energy": _energy(view.run),
         "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
-        "analysis_rows": [(name.replace("_", " "), value) for name, value in rows(analysis)] if analysis else [],
+        "analysis_rows": list(rows(analysis)) if analysis else [],
         "doubts": [*analysis.doubts, *view.run.faults(-math.inf, math.inf)] if analysis else [], "facts": _facts(view),
     }  # fmt: skip
 

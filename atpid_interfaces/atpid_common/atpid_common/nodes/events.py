@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes a node's events and logs them, so that they are on `events` and on `/rosout`."""
 
+from __future__ import annotations
+
 from math import nan
 
 from atpid_interfaces.msg import Event

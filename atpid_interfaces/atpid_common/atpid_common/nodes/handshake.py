@@ -5,6 +5,8 @@ Discovery takes seconds and is not symmetric; without a handshake the first seco
 handshake are marked by their field `handshake` and are never recorded.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The monitors of a node of the loop: silent inputs, quality of service, diagnostics."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from math import nan

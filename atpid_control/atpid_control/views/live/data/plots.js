@@ -36,13 +36,14 @@ class Plot {
 
 export class Plots {
   constructor(find) {
-    const two = [line(ONE), line(TWO, "dash")];
-    this.motion = new Plot(find("motion"), two, "s");
+    // dashes of a fast trace make a pattern of their own: there width, and what is on top, tells the two apart
+    const two = [line(ONE), line(TWO, "dash")], fast = [{ ...line(ONE), zorder: 1, line: { color: ONE, width: 3 } }, { ...line(TWO), line: { color: TWO, width: 1.3 } }];
+    this.motion = new Plot(find("motion"), fast, "s");
     this.excitation = new Plot(find("plot-excitation"), [bound(), bound("tonexty"), line(ONE)], "s");
     this.ceiling = new Plot(find("plot-ceiling"), [steps(ONE), steps(TWO, "dash")], "s");
     const worse = { type: "rect", xref: "paper", x0: 0, x1: 1, y0: LEAST, y1: 0, fillcolor: `${colour("--bad")}20`, line: { width: 0 }, layer: "below" };
     this.efficiency = new Plot(find("plot-efficiency"), two, "s", { zeroline: true, zerolinecolor: INK }, [worse]);
-    this.spectrum = new Plot(find("plot-spectrum"), two, "Hz", { type: "log", dtick: 1, exponentformat: "none" });
+    this.spectrum = new Plot(find("plot-spectrum"), fast, "Hz", { type: "log", dtick: 1, exponentformat: "none" });
     this.drive = 1e3; // what is shown of support [m] or force [N] is so many times that
     this.restart();
   }

@@ -19,6 +19,7 @@
     const begun = {}; // of each axis: where its next label begins [px]
     const annotations = layout.annotations.flatMap((note, place) => {
       if (note.name === "unit") return [];
+      if (note.name === "mode") return [note];
       if (note.name === "title") return [{ ...note, text: `${note.text}, ${layout.annotations[place + 1].text}`, xshift: -40, yshift: note.yshift + 17 }];
       if (note.name === "efficiency") return [{ ...note, xanchor: side(note.x), font: { ...note.font, size: 12 } }];
       if (note.name === "printed") return [{ ...note, xanchor: side(note.x) }];

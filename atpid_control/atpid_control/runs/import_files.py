@@ -136,7 +136,7 @@ def _found(read: list[tuple[Path, Series]], name: str, column: str) -> tuple[Pat
     for count in range(len(words), 0, -1):
         one = ":".join(words[:count])
         fits = [(path, series) for path, series in read
-                if one in (series.name, f"{path.name}/{series.name}", series.name.rpartition("/")[2])]  # fmt: skip
+                if f"/{path.name}/{series.name}".endswith(f"/{one}")]  # fmt: skip
         if len(fits) > 1:
             names = ", ".join(f"{path.name}/{series.name}" for path, series in fits)
             raise BagError(f"--channels {name}: given {one}, which several files or groups have: {names[:200]}")
