@@ -11,9 +11,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from catkin_pkg.packages import find_packages
-from atpid_common.errors import EXTRAS
 from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sources
+
+from atpid_common.errors import EXTRAS
 
 PYTHON_PACKAGES = [name for name in PACKAGES if name != "atpid_interfaces"]
 #: rosdep's keys for Ubuntu 24.04 (rosdistro/rosdep/python.yaml), by module; ROS packages have their own name.
@@ -54,7 +56,7 @@ def manifest(package: str) -> ElementTree.Element:
 def declared(package: str, *kinds: str) -> set[str]:
     """Return the dependencies of these kinds, and what the comments name that rosdep does not know."""
     text = (folder_of(package) / "package.xml").read_text()
-    pip_only = [name for names in re.findall(r"<!-- No rosdep key .*: (.+)\. -->", text) for name in names.split(", ")]
+    pip_only = [name for names in re.findall(r"<!-- No rosdep key.*: (.+)\. -->", text) for name in names.split(", ")]
     return {str(tag.text) for kind in kinds for tag in manifest(package).iter(kind)} | set(pip_only)
 
 
@@ -146,6 +148,16 @@ def test_every_dependency_is_needed(package: str) -> None:
     known = needed(package) | WITHOUT_IMPORT | set(PIP_ONLY.values())
     assert running - known == set()
     assert declared(package, "test_depend") - known - needed_for_tests(package) - {"python3-hypothesis"} == set()
+
+
+def test_every_node_has_its_analyzer() -> None:
+    """diagnostic_aggregator puts what no analyzer takes under Other."""
+    text = (folder_of("atpid_control") / "config/diagnostics.yaml").read_text()
+    (parameters,) = (block["ros__parameters"] for block in yaml.safe_load(text).values())
+    taken = [name for analyzer in parameters.values() if isinstance(analyzer, dict) for name in analyzer["contains"]]
+    scripts = (folder_of(package) / package / "executables.py" for package in PYTHON_PACKAGES)
+    nodes = re.findall(r"\.nodes\.(\w+)\"", "".join(path.read_text() for path in scripts if path.exists()))
+    assert sorted(taken) == sorted(f"{node}: " for node in nodes)
 
 
 def test_every_source_file_names_its_licence() -> None:

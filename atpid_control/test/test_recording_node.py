@@ -343,13 +343,13 @@ def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: SingleThreade
 def test_the_end_is_that_of_a_source_not_of_anybody(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
-    source.say("events", 0, "plant_node", kind=Event.STARTED)
+    source.say("events", 0, node="plant_node", kind=Event.STARTED)
     source.block(0)
-    source.say("events", BLOCK_NS, "somebody", kind=Event.FINISHED)
+    source.say("events", BLOCK_NS, node="somebody", kind=Event.FINISHED)
     spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/events"] == 2)
     source.block(1)
     spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/ceiling/command"] == 2)
-    source.say("events", 2 * BLOCK_NS - 1_000_000, "plant_node", kind=Event.FINISHED)
+    source.say("events", 2 * BLOCK_NS - 1_000_000, node="plant_node", kind=Event.FINISHED)
     spin_until(ros, source.closed)
     assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 2
 

@@ -77,7 +77,6 @@ class Decoder:
             message = _deserialised(data, name, self._stores[schema_id])
             if schema_id in self.moved:
                 setattr(message, self.moved[schema_id], message.header.frame_id)
-                message.header.frame_id = ""
         except Exception as error:  # the generated code raises many types of errors for damaged bytes
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
         return message
@@ -115,7 +114,7 @@ def _deserialised(data: bytes, name: str, store: Any) -> Any:
 
 class Converter:
     """Serialises messages of one type anew. `missing`: fields the bag does not have, which keep their defaults;
-    `dropped`: fields of the bag the installed type does not have.
+    `moved`: those it has as `header.frame_id`; `dropped`: fields of the bag the installed type does not have.
     """
 
     def __init__(self, name: str, decoder: Decoder) -> None:
@@ -130,6 +129,7 @@ class Converter:
             key: dict(fields) for key, (_, fields) in self._store.fielddefs.items()
         }
         self._recorded = decoder
+        self.moved: list[str] = []
         self.missing: list[str] = []
         self.dropped: list[str] = []
         self._compare(name, "")
@@ -156,9 +156,9 @@ class Converter:
         """Collect what differs in the type `name`, which stands at `path` of the message."""
         recorded = self._recorded.fields(name)
         installed = self._installed[name]
-        self.missing += [
-            f"{path}{field}" for field in installed if field not in recorded and field != _MOVED.get(name)
-        ]
+        absent = [field for field in installed if field not in recorded]
+        self.moved += [field for field in absent if field == _MOVED.get(name)]
+        self.missing += [f"{path}{field}" for field in absent if field != _MOVED.get(name)]
         self.dropped += [f"{path}{field}" for field in recorded if field not in installed]
         for field, described in installed.items():
             if field not in recorded:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.vocabulary import DRIVES
-from atpid_control.runs.cdr import block_shape, stamp
+from atpid_control.runs.cdr import block_shape
+from atpid_control.runs.cdr import stamp as stamp_in
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.decode import Converter
 from atpid_control.runs.definitions import message_type
@@ -108,7 +109,8 @@ def _converter(bag: Bag, kind: str) -> Converter | None:
 
 
 def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
-    differences = [f"{field} is not in the bag and keeps its default" for field in converter.missing]
+    differences = [f"{field} was recorded as header.frame_id" for field in converter.moved]
+    differences += [f"{field} is not in the bag and keeps its default" for field in converter.missing]
     differences += [f"{field} is left out" for field in converter.dropped]
     listed = "; ".join(differences) or "the fields stand in another order"
     version = f"version {bag.run.get('commit', 'unknown')}"
@@ -117,7 +119,7 @@ def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
 
 def _last_sample(data: bytes) -> int | None:
     shape = block_shape(data)
-    return stamp(data) + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
+    return stamp_in(data) + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
 
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.

@@ -83,14 +83,14 @@ class DeviceNode(LifecycleNode):
         asked = request.transition.label or f"number {request.transition.id}"
         try:
             answer = super()._LifecycleNodeMixin__on_change_state(request, response)
-            if answer.success:
-                self.get_logger().info(f"transition {asked} on request: now {self._state_machine.current_state[1]}")
-            return answer
         except rclpy_implementation.RCLError:
             state = self._state_machine.current_state[1]
             self.get_logger().warning(f"transition {asked} refused: impossible in the state {state}")
             response.success = False
             return response
+        if answer.success:
+            self.get_logger().info(f"transition {asked} on request: now {self._state_machine.current_state[1]}")
+        return answer
 
     def _report_once(self, text: str) -> None:
         """Report an error once, not at every attempt."""

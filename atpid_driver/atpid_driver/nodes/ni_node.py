@@ -16,7 +16,11 @@ class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "nidaqmx", "topic": "sensors/accelerometer", "frame_id": Frame.BEAM}
+    USUAL: ClassVar[Mapping[str, Any]] = {
+        "backend": "nidaqmx",
+        "topic": "sensors/accelerometer",
+        "frame_id": Frame.BEAM,
+    }
 
 
 main = partial(run_node, NiNode, priority=LOOP_PRIORITY)

@@ -45,7 +45,8 @@ class InputError(AtpidError, ValueError):
 #: Libraries that a distribution of ROS does not bring, or only older ones of: what pip calls them, by module.
 EXTRAS = {
     "distributed": "distributed", "foxglove": "foxglove-sdk", "grpc": "grpcio", "h5py": "h5py",
-    "labjack": "labjack-ljm", "matplotlib": "matplotlib", "mcap": "mcap", "nidaqmx": "nidaqmx[grpc]", "nptdms": "npTDMS", "plotly": "plotly",
+    "labjack": "labjack-ljm", "matplotlib": "matplotlib", "mcap": "mcap", "nidaqmx": "nidaqmx[grpc]",
+    "nptdms": "npTDMS", "plotly": "plotly",
     "pyarrow": "pyarrow", "pydantic": "pydantic>=2", "pyuff": "pyuff", "rosbags": "rosbags", "shtab": "shtab",
     "xarray": "xarray", "zstandard": "zstandard",
 }  # fmt: skip

@@ -95,7 +95,7 @@ class RunState(IntEnum):
 
 
 class Frame:
-    """Frames of `header.frame_id` (REP 105), z up: the stand's origin is the container's floor at rest; the others move."""
+    """Frames of `header.frame_id` (REP 105), z up; the stand's origin is the container's floor at rest."""
 
     STAND: Final = "stand"
     SUPPORT: Final = "support"

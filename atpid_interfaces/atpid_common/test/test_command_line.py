@@ -86,3 +86,22 @@ def test_errors_of_the_project_are_one_line(
 def test_other_errors_keep_their_traceback(error: BaseException) -> None:
     with pytest.raises(type(error), match="a defect"):
         guarded(fails(error))
+
+
+@pytest.mark.parametrize(("module", "install"), [("labjack.ljm", "labjack-ljm"), ("pydantic", "pydantic>=2")])
+def test_a_library_that_is_missing_is_named_with_what_to_install(
+    module: str, install: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command() -> NoReturn:
+        raise ImportError("none", name=module)
+
+    assert guarded(command) == 2
+    assert capsys.readouterr().err == f"error: needs {install}, which is not installed: pip install '{install}'\n"
+
+
+def test_another_module_that_is_missing_is_a_defect() -> None:
+    def command() -> NoReturn:
+        raise ModuleNotFoundError("none", name="atpid_nothing")
+
+    with pytest.raises(ModuleNotFoundError):
+        guarded(command)

@@ -144,3 +144,13 @@ def test_signals_that_interrupt_one_another_are_all_taken() -> None:
         process.send_signal(number)
     printed, output = process.communicate("\n", timeout=100.0)
     assert (process.returncode, printed, output) == (0, "True\n", "")
+
+
+def test_a_node_whose_library_is_missing_names_it_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "needing.py").write_text("raise ModuleNotFoundError('none', name='rosbags')\n")
+    command = "import sys; from atpid_common.interrupt import run_executable; sys.exit(run_executable('needing'))"
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "error: needs rosbags, which is not installed: pip install 'rosbags'\n"
