@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Settings of Sphinx for the site: `make docs` builds it into out/docs/VERSION (docs/decisions/0065-the-site.md)."""
 

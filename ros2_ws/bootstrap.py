@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Set up what the project needs: `.venv`, ROS 2 Jazzy and the built workspace. What is finished is left alone.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What set-up finds on this machine, and the keys by which it detects changes. Standard library only."""
 

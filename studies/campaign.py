@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies campaign`: an unattended campaign on the emulated stand, with a fault a device and three kills.
 

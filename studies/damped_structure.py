@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """An integration of a structure with its damper that shares nothing with the packages: what designs are checked by.
 

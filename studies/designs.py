@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Promises of designs against an integration of its own: structures unlike the thesis's beam, drawn in the stated box.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The emulated board beside a run of the stand: hardware, which no other program delays, and which can be asked."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Each way to stop the exciter while it runs, over the whole emulated stand, by the voltage of the stand-in device.
 

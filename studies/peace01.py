@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies peace01`: NLvib's benchmark PEACE01 by the return map, beside harmonic balance and scipy.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The lockstep bench's loop without the graph: the same plant, identifier, watch and controller, called in turn."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`direct` and its margin on random systems, against brute force and against long runs inside the margin's box.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The coefficients of `rebound_series`, made again by one integration along the angle of the path of an impact.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How fast `direct` is and how good: systems held out, each against a fine scan rated the same way, and by a deadline.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Each way to stop the ceiling in motion, over the real firmware and the whole emulated stand, by the board's clock.
 

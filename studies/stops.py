@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Stops on a line that delays, loses and garbles, before the real firmware, in the board's own time.
 

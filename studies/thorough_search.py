@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The best height by a search that leaves out nothing: the reference that the packages' search is measured by.
 

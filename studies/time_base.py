@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How well two devices' clocks are known, and the error bars of sweeps and of tones in an acceleration.
 

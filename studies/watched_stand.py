@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole emulated stand at a terminal of its own, with its board, its line and its operator beside it.
 

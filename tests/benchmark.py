@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How fast the parts that run with the stand are: the time the stand takes over the processor time they need.
 

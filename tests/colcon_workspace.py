@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The repository as a ROS user has it: a clone in a workspace of their own, built and sourced like any other."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the loop commands in shipped scenes, with and without noise: `python tests/commanded.py` prints it as JSON."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the tests across packages share. Domain, discovery range and the check for leftovers: atpid_common.testing."""
 

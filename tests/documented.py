@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The contents of the documentation: its commands, links, headings and the names it mentions."""
 

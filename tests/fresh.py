@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The property tests with examples drawn anew, for a bounded time: `python tests/fresh.py SECONDS` (`make fresh`).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the whole-graph tests share: short scenes, runs of the graph without a report, and waiting for events."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What CI may leave out: a test that is skipped there for any other reason fails the run.
 

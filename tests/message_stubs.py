@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The fields of the project's messages for mypy: `python tests/message_stubs.py` writes atpid_interfaces/stubs anew.
 

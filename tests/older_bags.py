@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bags with older message definitions, made from one with today's: fields are taken out or renamed."""
 

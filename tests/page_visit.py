@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Opens pages with Chromium and prints what is wrong with them, as JSON: a program, so that no browser is left behind.
 

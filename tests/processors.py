@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Run a command as another processor rounds: `python tests/processors.py x86-64-v2 python -m pytest PATH`.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Opens the site with Chromium from its files and prints what was seen, as JSON: a program, so that no browser is left.
 

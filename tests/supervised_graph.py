@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The real-time bench with its supervisor, as processes, and a node that collects what it publishes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bad input to the bench and the nodes: one clear line, status 2, nothing started and nothing overwritten."""
 

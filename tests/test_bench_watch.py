@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What is logged while the nodes start reaches the operator, also where a busy machine delivers it late."""
 

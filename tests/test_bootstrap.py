@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Set-up as pure functions and with its steps recorded instead of run; the real run comes before these tests."""
 

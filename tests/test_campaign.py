@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns: what a file may have, when a point is settled or bad, and that a kill at any instant loses nothing."""
 

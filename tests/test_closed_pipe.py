@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Standard output or error closed early, as `head` does, or not open at all: the commands end quietly with a status
 that depends neither on buffering nor on the version of argparse; another pipe that breaks is not hidden.

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Maps and studies on a Dask cluster: two workers, one of which is killed, give what this machine gives."""
 

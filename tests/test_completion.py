@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """TAB in a real, interactive bash: commands, options, methods, scenes and files, after `. ros2_ws/activate`."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """docs/design.md: its worked example is run as it stands there; its files are whole, and its scene runs."""
 

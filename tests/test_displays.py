@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What takes long moves on a terminal, on standard error only, and prints nothing of the kind anywhere else."""
 

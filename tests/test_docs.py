@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The documentation is true: its commands run, its links lead somewhere, and what it names exists."""
 

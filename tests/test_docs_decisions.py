@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Decision records: the index is complete, and every record that is named anywhere exists."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The glossary names code that exists, in SI units, and with the units that the code gives."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The notebook of the documentation runs in a kernel of its own, and is kept without outputs."""
 

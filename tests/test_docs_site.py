@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The site that `make docs` builds: without a warning, whole, and its search finds what is on it; the citation file."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The tutorial, command by command, in a folder of its own: what a reader types is what runs."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps."""
 

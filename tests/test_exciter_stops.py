@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Some of the ways to stop, as `python -m studies exciter-stops` tries them: the emulated stand, LabJack's package."""
 

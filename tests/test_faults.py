@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A running graph served to Foxglove: a client of its protocol receives messages and traces, on this machine only."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Property tests with fresh examples: a part of them in each run, and what fails is kept and tried again."""
 

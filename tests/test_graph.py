@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph with a commanded excitation: the plant follows the excitation node's states, and nothing else."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole loop with a structure of several modes that a force drives: bench, stand, replay, report, validation."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Scenes whose controller computes its heights run on the bench like the others; a slow one says so in real time."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph in lockstep under a frequency that drifts or steps, and under two tones."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The graph as processes: nothing lost, Ctrl-C closes the bag, a dead node is named, a name exists only once."""
 

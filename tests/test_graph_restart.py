@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Nodes of the running graph that end and are started again: the simulated motor, and the recorder."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph with a recorder that begins by a trigger and splits its bag."""
 

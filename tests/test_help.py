@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The help of every command ends with an example, which is run or read by the real parser; a mistyped word is named."""
 

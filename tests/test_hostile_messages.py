@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Messages that cannot be used, given to each node's own callbacks: the node goes on and counts them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The steps of docs/howto_contact_law.md, in a copy of the package: one file, one line, its test."""
 

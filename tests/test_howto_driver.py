@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """docs/howto_driver.md as a reader follows it: a driver of another package, the node, and what it publishes."""
 

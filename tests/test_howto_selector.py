@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The steps of docs/howto_selector.md, as they are printed: a selector in a package of its own is found and used."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """docs/howto_sensor.md as a reader follows it: its files, its tests, its installation, and its samples."""
 

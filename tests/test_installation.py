@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A plain `colcon build` of a clone, its `colcon test`, and what was installed with the sources gone.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Every installed executable takes SIGINT and SIGTERM at any moment of its start: status 0, nothing printed, gone."""
 

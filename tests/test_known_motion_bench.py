@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The known motion before a run in the real-time bench: announced, made before the first sample; or the run ends."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The launch files, run with `ros2 launch` where it is installed: they start the commands and end as those do.
 

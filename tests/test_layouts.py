@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The layouts of Foxglove and PlotJuggler against a file with traces."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A test that CI leaves out is on the list of what it may leave out, or the run fails."""
 

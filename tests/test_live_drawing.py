@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What Chromium draws of a view whose every number is known: traces, spectrum, shares, states, layout."""
 

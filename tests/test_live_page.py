@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The live page beside a bench in real time: what it shows, what its buttons do, and that its end ends nothing."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The stubs have the fields of the messages as rosidl makes them, so that mypy finds a misspelt one."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """docs/methods.md is what `compare` computes now, apart from its times; scenes that do not fit are one line."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """No node replaces a private attribute of rclpy's own class: its timers or parameters would no longer be served."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two devices with clocks of their own on one time base: in bags, joined channels, exports, and both stand-ins."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The operator's stop and arming: supervisor, motor node and real firmware; what is answered is what the board does."""
 

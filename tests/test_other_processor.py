@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Another processor rounds otherwise: the slow numerical files pass there, and heights are commanded as here.
 

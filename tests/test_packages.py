@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The packages as ROS packages: their files agree, name every dependency, install whole and are found once."""
 
@@ -164,6 +165,12 @@ def test_every_source_file_names_its_licence() -> None:
     endings = {".py", ".c", ".h", ".cpp", ".xml", ".toml", ".ini"}
     named = [path for path in sources() if path.suffix in endings or path.name in ("Makefile", "CMakeLists.txt")]
     assert [str(path) for path in named if "SPDX-License-Identifier: Apache-2.0" not in read(path)] == []
+
+
+def test_every_file_of_code_has_the_notice_that_ament_copyright_reads() -> None:
+    notice = re.compile(r"^(#|//) Copyright \d{4} ATPID maintainers\n\1 SPDX-License-Identifier: Apache-2\.0$", re.M)
+    code = [path for path in sources() if path.suffix in (".py", ".c", ".h", ".cpp") and read(path)]
+    assert [str(path) for path in code if not notice.search(read(path)[:300])] == []
 
 
 def read(path: Path) -> str:

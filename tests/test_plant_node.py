@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The plant node at its ends: a plant that fails, a machine too slow, and a recorder that is waited for."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The records in bags/ hold what bags/README.md states of them, and every reader can use them."""
 

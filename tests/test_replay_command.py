@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid replay`: the bag's own parameters, older definitions converted, and what differs listed."""
 

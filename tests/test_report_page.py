@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The pages of a bag in a browser: accessible, on desktop and phone, no name of a curve on a curve, nothing cut off."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Security (docs/security.md): the policy is that of the nodes, DDS is on the loopback, an intruder moves nothing."""
 

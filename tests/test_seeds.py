@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The selector in real time: silent partners, quality of service, live parameters, heights computed beside the loop."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A support laser that fails in the middle of a vibration, from its volts to what the hold decides: nothing new."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The soak: its schedule, its trends against known slopes, orphaned shared memory, and a short one end to end."""
 

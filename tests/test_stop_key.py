@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The operator at the keyboard of a running stand: Enter and Ctrl-C, the real firmware on the emulated board."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Stops at any instant on lines that delay, lose and garble, before the real firmware, in the board's own time."""
 

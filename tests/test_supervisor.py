@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor in the real-time bench: nodes that hang, levels that are passed, the operator's stop."""
 

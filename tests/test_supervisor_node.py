@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor node over real DDS, beside a motor node and one that answers because it spins."""
 

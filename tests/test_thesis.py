@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The thesis's figures and tables, and its measurements on the stand: what the model gives without any fitting.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """docs/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
 

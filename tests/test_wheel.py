@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The wheel of the physics: what docs/python.md shows runs from it, without ROS and without this repository.
 

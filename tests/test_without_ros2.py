@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the documentation gives in place of `ros2`, which the wheels do not have: stand, nodes, topics, lifecycle."""
 

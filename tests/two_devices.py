@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag of two devices that measure one signal, each by a clock of its own, over a transport that delays."""
 

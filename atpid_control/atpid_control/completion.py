@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid completion SHELL --out FILE`: what ros2_ws/completion.sh completes, by shtab.
 

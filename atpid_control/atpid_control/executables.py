@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the executables: each loads its module with signals handled and returns its exit status."""
 

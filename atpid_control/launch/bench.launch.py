@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The bench in real time: ros2 launch atpid_control bench.launch.py scene:=SCENE.yaml [out:=DIR]."""
 

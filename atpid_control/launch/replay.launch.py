@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag once more through identifier and selector: ros2 launch atpid_control replay.launch.py bag:=BAG [out:=DIR]."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The test stand: ros2 launch atpid_control stand.launch.py scene:=SCENE.yaml [map:=MAP.npz] [ni:=true]."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A stand on which everything is right: a machine's files, parameter files, calibrations, device, emulated board."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag for the tests of exports: two rates, samples lost by index, an invalid one, an event, estimates."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whole bags made from a recorded one, some of whose messages are changed, as another recorder may write them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Displacement from an acceleration: a tone's, identified, and a record's, integrated."""
 

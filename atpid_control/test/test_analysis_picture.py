@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of an analysis: over which frequencies its panels go, and which orders have a bar."""
 

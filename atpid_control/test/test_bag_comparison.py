@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two bags beside each other: what is the same, a known difference, a common time axis, bad input."""
 

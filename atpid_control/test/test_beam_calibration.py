@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Beam parameters are recovered from simulated decays and sweeps with noise, and what cannot be told is not told."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The latency of a recorded run: each stage against the stamps, and nothing where stamps are the clock."""
 

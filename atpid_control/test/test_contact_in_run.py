@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Restitution and modulus are recovered from simulated runs of the damper, within their error bars."""
 

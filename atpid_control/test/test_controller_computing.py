@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """While a height is being computed the loop goes on, and a result that came too late moves nothing."""
 

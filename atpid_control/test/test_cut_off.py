@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bags that are cut off, damaged or without index: every command that reads bags reads what is there, and states it."""
 

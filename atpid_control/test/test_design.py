@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The parts of a design: closed forms, published numbers, rules, bad input."""
 

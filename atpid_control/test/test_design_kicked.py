@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A design states how often its motion comes back after a kick, at the amplitude where it does least often."""
 

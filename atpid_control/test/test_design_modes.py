@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Designs for structures of several modes and under a force: closed forms, the box, the file, bad input."""
 

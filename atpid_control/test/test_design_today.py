@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A design against the structure of today: its closed form, the machine's frequency, the motor, invalid input."""
 

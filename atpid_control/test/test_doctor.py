@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid doctor` against a right stand and wrong ones, real where that can be: port, board, library, disk, rights."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag as labelled arrays, xarray and pandas: what is in the bag, to the last digit, with units and hardware time."""
 

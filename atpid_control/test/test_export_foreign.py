@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bags with topics of other programs: a type of ROS that is not ours is a table, another encoding is left out."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag as files: CSV, UFF 58, MATLAB, Parquet and TDMS are read back by pandas, pyuff, scipy and npTDMS.
 

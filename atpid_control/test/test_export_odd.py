@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Exports of what is unusual: odd names, one sample, extreme numbers, texts in any script, a restart, several files."""
 

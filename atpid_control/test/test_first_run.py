@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid first-run`: on the simulated and the emulated stand, on the stand's own nodes, and on another beam."""
 

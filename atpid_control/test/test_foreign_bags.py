@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Bags of other recorders: closed without a result, with topics that cannot be decoded, in sqlite3; run folders."""
 

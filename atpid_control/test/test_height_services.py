@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The SelectHeight services over real DDS: what each method answers, refusals, and a loop they do not hold up."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The dead band and hold: what moves the ceiling and, above all, what does not."""
 

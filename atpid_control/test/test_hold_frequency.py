@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The hold of methods that select at any frequency: what moves the ceiling when the frequency does."""
 

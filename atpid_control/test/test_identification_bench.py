@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """On the simulated stand's own stream: each stage of the bench within a per cent two periods after its ramp or step."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A frequency that drifts is followed as a steady tone's; a step is still a step."""
 

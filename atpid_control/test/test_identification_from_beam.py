@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The excitation from the beam alone: closed and open damper, still swinging up, and where it cannot be told."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two tones are refused with a sentence; whatever a single tone does is not taken for two."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The identifier node over real DDS: the handshake, one estimate for each block with its last stamp, and refusals."""
 

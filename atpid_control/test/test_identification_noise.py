@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Error bars in noise with memory, and what no tone describes; tests/of_studies counts how often the bars hold."""
 

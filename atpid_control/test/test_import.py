@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Files that other programs wrote become bags: npTDMS, pyuff, scipy, h5py and pandas write, `open_run` reads."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whole bags whose index jumps, whose rates or stamps cannot be: every reader ends, and names what is left out."""
 

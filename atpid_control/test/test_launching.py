@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The arguments of the launch files: those of the commands, and the words they become. No `launch` needed."""
 

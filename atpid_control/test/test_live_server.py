@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The live page's server: who is let in, what is sent, and that no browser costs another one anything."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The map action over real DDS: progress, the file, cancel and resume, refusals in one line."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Predicted against measured: drift is said once, and not for noise, transients or what the twin cannot say."""
 

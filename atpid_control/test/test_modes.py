@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Modes from dimensions and from universal files: closed forms, the thesis's beam, a round trip, what is refused."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag opens with public libraries alone: mcap with mcap-ros2-support, and rosbags."""
 

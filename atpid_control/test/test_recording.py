@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a bag must hold for `ros2 bag` to open it, and what is left of one after a crash."""
 

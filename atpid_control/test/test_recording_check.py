@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The check of the run in a bag: silent for a sound run, and each rule broken on purpose is found and named."""
 

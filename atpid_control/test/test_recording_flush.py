@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Flushes to the disk: nothing that is written waits for one, and one that fails ends the recording."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag whose index leads to fewer messages than it holds: other programs read by it, and would miss them unnoticed."""
 

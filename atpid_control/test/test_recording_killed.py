@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recorder that is killed while blocks arrive: the bag has what was published, but for the last 50 ms."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Files of a bag that are none, do not begin as one, or must not be opened."""
 

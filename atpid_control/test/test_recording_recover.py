@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What is left of a damaged bag: every whole chunk, what is lost by sample index, and the original as it was."""
 

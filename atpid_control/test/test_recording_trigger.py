@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recording that begins when a signal passes its level: which sample, how much before, how much after."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reports: what is measured of a run, what is drawn of it, and that the page needs nothing else."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What another processor rounds otherwise decides nothing: not when a height is commanded, not how long a window is.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One Run: every reader of a recording sees the same samples, rate, instants and gaps, of any bag."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the nodes of a run start with: packages' files, the user's parameter file, and what the run sets itself."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One contract for every selector: what it gives, what it refuses, and that it says so in one line."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The predictive control algorithm against the thesis's own numbers (section 4.4)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Selectors of other distributions: found by their entry points, and refused in one line where they cannot be used."""
 

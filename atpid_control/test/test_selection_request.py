@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A request for a height: what is nonsense is refused with what was given and what is allowed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The search in the control loop: it takes the ceiling, finds the height on a plant, and gives the ceiling back."""
 

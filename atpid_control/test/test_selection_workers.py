@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a selection is computed with: threads, and no garbage collection meanwhile."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Frequency response, spectra, decrement and orders against closed forms, and what they say of results in doubt."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The response of one mass on a driven base against its closed form: noise at input or output, and a sweep."""
 

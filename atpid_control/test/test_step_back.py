@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The step back: only when the height is to blame, never below the lowest, never back up while it is remembered."""
 

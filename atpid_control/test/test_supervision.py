@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The rules of supervision: who is silent, what is then permitted, what a stop and a level do."""
 

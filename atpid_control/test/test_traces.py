@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag with its traces for Foxglove and PlotJuggler; each path in the layouts leads to what its panel can show."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recording against its simulation: the bag that comes along, tables with known faults, bad input."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Rumble is seen in the simulated beam within a few periods, and never while ramps and travels are merely fast."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One time base: the clock of a device, followed on the host's steady clock, and stamps of steady times.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes that move something: each is declared once, with its meaning, unit and range."""
 

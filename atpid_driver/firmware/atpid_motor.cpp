@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // Ceiling motor of the ATPID on an Arduino Mega 2560: protocol in docs/motor_protocol.md, stand in config.h.
 #include <Arduino.h>

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The Mega 2560 itself: pins, converter, boot counter, reset cause, watchdog. Nothing here decides anything.
 #pragma once

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // Everything that belongs to one stand: wiring, calibration, limits. Check each line at the stand before the first flash
 // (docs/stand.md, "Firmware"); the emulator's stand (emulator/stand.h) is built to the same figures.

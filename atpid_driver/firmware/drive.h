@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The motor: off, up or down at one constant speed, and whether the ceiling follows. Pure.
 #pragma once

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The fault table of docs/motor_protocol.md and atpid_driver/motor/faults.py: the same bits.
 #pragma once

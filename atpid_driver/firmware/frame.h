@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // Frames `$<seq>,<WORD>[,<number>]*<CRC16>\n`: a parser of fixed length that accepts nothing doubtful, and a writer. Pure.
 #pragma once

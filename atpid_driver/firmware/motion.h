@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The one place that decides whether the motor may run. Pure: stepped once a millisecond with what the board sees.
 //

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The position potentiometer: plausibility, and height from its reading. Pure.
 #pragma once

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // What each command does, and the sequence rule: echoed, an old one refused, a repeated one answered but not done again. Pure.
 #pragma once

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // Normally closed contacts: an open one counts after DEBOUNCE_MS of being open without a break, and as long again to close. Pure.
 #pragma once

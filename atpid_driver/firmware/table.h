@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The optional look-up table of best heights on board, as in the thesis: the nearest recorded amplitude's height.
 // `make TABLE=path/to/table.h` builds one in; docs/motor_protocol.md documents the header's format.

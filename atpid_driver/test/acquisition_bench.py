@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ROS context of its own in a test, and a node that subscribes to the topics of a source."""
 

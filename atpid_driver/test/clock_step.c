@@ -1,6 +1,6 @@
-/* SPDX-License-Identifier: Apache-2.0
- *
- * Preloaded into a process, steps its wall clock: CLOCK_REALTIME is shifted by the seconds that stand, as a double, in
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
+/* Preloaded into a process, steps its wall clock: CLOCK_REALTIME is shifted by the seconds that stand, as a double, in
  * the file named by ATPID_CLOCK_STEP. Waits until an absolute time of that clock end when the shifted clock says so, as
  * the kernel does it after `date -s`: a wait that is under way while the clock is set back lasts longer by the step.
  */

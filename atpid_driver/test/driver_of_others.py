@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A driver of another package: publishes a counter at a rate, late, with gaps, jitter and out of order as it is told.
 

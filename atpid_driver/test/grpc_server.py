@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: N802 - the methods are named by the service that NI defined
 """NI's gRPC device server as far as an analogue input task needs it, on loopback, over the stand-in library.

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A motor node and a node that commands it, for the tests that run over real DDS."""
 

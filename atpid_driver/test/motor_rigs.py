@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the motor's tests share: the emulated board, a scripted port, and waiting for events."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What every acquisition backend promises, each tried on the code that runs on the stand."""
 

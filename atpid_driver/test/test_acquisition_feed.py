@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The wiring of the emulated stand: plant blocks become volts, the real client package reads them, metres come back."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The T7 backend on the real labjack.ljm package: errors, overruns, rates and skew."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The NI-9230 backend on the real nidaqmx package, over the local library and over gRPC."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The acquisition nodes: lifecycle, handshake, messages, diagnostics, and every fault by name."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock it measures."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Backends by name: built in, added by entry points, and those that cannot be used."""
 

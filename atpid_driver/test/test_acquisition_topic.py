@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Samples of another ROS driver: the contract, and a real publisher in a process of its own that is late and loses."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Calibration files, conversion both ways, and the command that makes a file from readings."""
 

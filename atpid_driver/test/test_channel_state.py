@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The state of a channel from its voltage: what is reported, how soon, and that a quiet sensor is none of it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A laser that dies or freezes while the node streams: event, diagnostics, NaN; and a quiet stand raises none."""
 

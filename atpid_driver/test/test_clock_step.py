@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The wall clock set back and forward by an hour under a running node, by a preloaded library (clock_step.c)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The clock of a device on the host's: random delays and drifts, stretches in which all is late, a wall clock set."""
 

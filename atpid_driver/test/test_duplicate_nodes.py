@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A second motor node of one name: one that was there before keeps this one off for as long as it is there."""
 

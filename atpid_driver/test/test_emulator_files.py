@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The emulator and what lies where its port and its EEPROM shall be: a file of the user is never replaced."""
 

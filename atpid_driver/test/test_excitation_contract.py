@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What every exciter's output promises, and what the real ones do when a process ends: by the stand-in's voltage."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The slow controller in a closed loop with an identification that is late, noisy and a little wrong."""
 

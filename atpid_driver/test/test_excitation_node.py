@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The excitation node over real DDS: commands, time-outs, permission, services, hostile messages."""
 

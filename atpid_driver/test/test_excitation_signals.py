@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What an exciter puts out: ramps, phase, spectra, limits. Judged by scipy, and by quadrature of the frequency."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The firmware's pure part on this machine, under the compiler's address and undefined-behaviour checks."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The real firmware on the emulated board: what it does when things go wrong, as docs/motor_protocol.md lists it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A small known motion: what moves as commanded passes however late it is read, and each thing wrong is named."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The known motion with the real firmware on the emulated board: right, too slow, the wrong way, disturbed."""
 

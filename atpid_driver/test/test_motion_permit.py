@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A supervised motor node moves only while a supervisor permits it: by its messages, and by none for too long."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whose commands the motor follows: a second publisher of ceiling/command moves nothing, and is named."""
 

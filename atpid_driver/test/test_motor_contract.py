@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What every `CeilingActuator` must do: the simulated ceiling and the real firmware pass the same tests."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Stops over any interleaving of requests, delays and losses, against a model of the firmware in virtual time."""
 

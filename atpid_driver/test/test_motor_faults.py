@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Injected faults of a simulated ceiling: what it does, which check finds them, and that a person arms it again."""
 

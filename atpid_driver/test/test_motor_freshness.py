@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """No height from before an interruption moves the ceiling: the rule, and the motor node that it is for."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor node over real DDS with the simulated ceiling: lockstep, real time, refusals, lifecycle, started twice."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor node with the real firmware behind it, over real DDS and real pyserial."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor node as a process, as `ros2 run` starts it: interrupted in motion, killed in motion, started twice."""
 

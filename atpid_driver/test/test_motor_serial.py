@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The serial backend with real pyserial and the real firmware: what it does when link, board or host fail."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Golden byte exchanges: what goes over the wire, to the byte, and which answer belongs to which request."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The simulated ceiling: exact, deterministic, by time stamps alone."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Every node of the driver with invalid parameters: it starts, or one line names what is wrong."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From the operator's stop to the motor off, on the emulated board, for each way to stop; `-s` prints the times."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Quantities of the thesis as pure functions over series, simulated or recorded.
 

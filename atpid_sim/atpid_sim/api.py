@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What `import atpid_sim as ap` offers: what the commands call, for programs and notebooks (docs/python.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the nodes' executables: each loads its node with signals handled."""
 

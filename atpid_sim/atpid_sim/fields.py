@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the blocks of a scene are made of: numbers, points, paths, and how the keys select a variant."""
 

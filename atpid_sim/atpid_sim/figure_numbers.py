@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Pictures that carry the numbers they show inside their PNG, so that a test can compare them with what is computed.
 

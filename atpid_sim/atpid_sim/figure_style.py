@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How every figure and page looks: the colours of a light and a dark scheme, and matplotlib's settings for one."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How kernels are compiled: cached, without the interpreter's lock, and with IEEE arithmetic; and where they are kept.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the kernels are given of a scene: the system, and the contact law by its number with its parameters."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A structure of several modes: in flight, and with the masses of all grains where they are.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Outcomes of a run; each has a sentence with the cause and what to do."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What results have in common: values shown with units, as text and HTML, as an xarray Dataset, and as curves."""
 

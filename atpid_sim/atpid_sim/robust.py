@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The worst case over a box of uncertain quantities: points of it, scenes with its values, the best height there."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The root of a function of one variable by Brent's method (Algorithms for Minimization without Derivatives, ch. 4).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What every part computes with: arrays, and the system's masses, spring, damper and weight."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`import atpid_sim as ap`: the same numbers as the modules below it, with names, units and pictures."""
 

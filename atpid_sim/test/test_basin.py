@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Shares of starts that come to the promised motion: against naive integration, symmetry, and shares that are known."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The beam's closed form where it is hardest: at and near resonance, undamped, very strongly damped, in long rows."""
 

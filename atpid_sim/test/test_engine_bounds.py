@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What docs/no_missed_impact.md rests on: jerk and snap bounds hold, and a safe step never passes a root."""
 

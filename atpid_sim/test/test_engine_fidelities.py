@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The fidelity levels against closed forms: bounces, restitution, sticking, order of convergence, energy."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Tones, random motion, shocks and recorded accelerations of the support, against closed forms of a linear structure.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The search for the best height: narrow wells, chance among irregular motions, the ceiling's limits."""
 

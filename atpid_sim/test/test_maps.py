@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Height maps: the thesis's best heights, the file, what it refuses, and the header for the firmware."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Maps over amplitude, mass fraction and frequency: made, read, and where the damper is of no use."""
 

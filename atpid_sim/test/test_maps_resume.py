@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A map that was killed goes on where it stopped, and what is in its journal is not computed again."""
 

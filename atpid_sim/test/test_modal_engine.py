@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Structures of several modes, and forces: against scipy's integration of the same equations, and closed forms."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions of several modes and under a force: against long runs, closed forms, and one mode."""
 

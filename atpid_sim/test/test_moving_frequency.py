@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A tone whose frequency moves along straight ramps: u = A(t) sin(2 pi times the integral of f)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The plant block by block: what it refuses, where it ends, moves too small for the clock, a ceiling that crushes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Initial states: a run that is continued from its own state, a grain that is thrown, and invalid ones."""
 

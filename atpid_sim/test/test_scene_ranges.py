@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Numbers a scene refuses because nothing could be computed with them, and the last ones it takes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Measured series: what is read, where it begins, and the error for a file that is none."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Several dampers on one structure: against the engine of one, closed forms, and the limits that a scene has."""
 

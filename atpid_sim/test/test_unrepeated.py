@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What `simulate` measures of motions that do not repeat: root mean squares with errors, spectra, peaks of a shock."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts on many windows of one run: those of single runs, each part computed once."""
 

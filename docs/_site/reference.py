@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the site has beside the written pages: reference from the sources, navigation from the indices.
 

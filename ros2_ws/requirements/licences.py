@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The licences of all that is installed as a table, and whether each fits the Apache License 2.0 (docs/security.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Make the atlas: every column by itself, kept in a journal until the atlas is whole."""
 

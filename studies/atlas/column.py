@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One column of the atlas: the heights swept upward and downward, the best height, its stability and the cliff."""
 

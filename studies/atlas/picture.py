@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the atlas: types of motion over amplitude, mass, frequency and height, best heights and cliffs."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The points of the atlas: columns of heights over amplitude and mass fraction, and over amplitude and frequency."""
 

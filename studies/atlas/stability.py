@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The periodic motion at a best height: its multipliers, the cliff above it, and the way back from beyond the cliff."""
 

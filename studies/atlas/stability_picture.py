@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the stability: multipliers at the best heights, the distance to the cliff, and a way across it."""
 

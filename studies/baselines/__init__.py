@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Baseline methods: those in common use, on the same right-hand side, for comparison only."""
 

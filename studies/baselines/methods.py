@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The methods themselves: scipy's, and Runge-Kutta pairs of our own where scipy has none."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The equations of motion in their usual form: one right-hand side, contact forces switched by the overlap.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One call for every baseline: a scene, a method by name, a tolerance; all results are measured alike.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Runge-Kutta over one drive row, adaptive or with fixed steps, compiled: methods of the thesis that scipy lacks."""
 

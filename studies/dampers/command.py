@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies dampers`: several dampers against two references, outcomes of wild scenes, and cells for one mass.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The equations of several dampers written down once more: impacts found by scipy, or stiff linear contacts.
 

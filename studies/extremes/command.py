@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies extremes`: random systems far outside the thesis's range, and a table of their outcomes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Systems far outside the thesis's range, at every fidelity (docs/extremes.md).
 

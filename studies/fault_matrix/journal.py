@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The rows of a matrix that were run, in a folder: a run that was interrupted is taken up again."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Rows of the matrix that need real time: the serial link on the emulated stand, and the recorder as a process."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The page of the fault matrix: what is injected, how it is detected, what the ceiling does, how one recovers."""
 

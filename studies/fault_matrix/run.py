@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One run of the fault matrix: the scene with a fault through the graph in lockstep, beside the same without it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Random sequences of faults through the real graph in lockstep, each judged by what has to hold whatever happens."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The contact laws side by side: one impact of each, and restitution against speed (docs/contact.md).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The free decays measured on the real stand (thesis section 2.3.1) beside the model's, without any fitting.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A drifting and a stepping frequency followed by the loop (docs/selection.md)."""
 

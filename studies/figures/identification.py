@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of docs/identification.md: the bound, the thesis's ramps, what spoils a signal, the watch, calibration."""
 

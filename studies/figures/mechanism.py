@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The mechanism: one beam with the ceiling closed, too low, right and too high, in motion, and a labelled drawing.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parts of the drawings of the mechanism in SVG: container with grain, ceiling and motor; the labelled drawing."""
 

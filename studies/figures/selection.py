@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Height selection: the cliff, the margin, the error of the PCA, the map (docs/selection.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Simulations a second: over heights with their impacts, over the points of a batch, and over workers.
 

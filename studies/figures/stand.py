@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Drawings of docs/stand.md, container and wiring, and the amplitudes a stand reaches.
 

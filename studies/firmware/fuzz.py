@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Corrupted, truncated and duplicated frames for an armed and homed motor, which must not move for any of them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Random whole requests to the real firmware, as many as a second of the board takes; its ceiling keeps its limits."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How often the 95 % intervals of orders and frequency response hold the truth, and when friction is named.
 

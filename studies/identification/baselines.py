@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the sine fit is compared with: the Cramér-Rao bound, the FFT bin the thesis picks, and three interpolations."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies identification`: how often the identifier's 95 % intervals hold the truth."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How often 95 % intervals hold the truth, by Monte-Carlo: signals made here, of numpy alone.
 

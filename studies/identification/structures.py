@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Identification beside structures of several modes that ring after impacts: the plant's stream into the identifier."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The processes of the load test: both hardware nodes on the stand-in libraries, and optionally a recorder."""
 

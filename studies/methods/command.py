@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies methods`: methods of selection and passive dampers on the same scenes, side by side."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Passive dampers designed from a model: fixed heights, Masri's gap and tuned masses as heavy as the grain."""
 

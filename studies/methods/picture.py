@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a comparison: efficiencies with their robustness, times to answer, structures that have changed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The comparison itself: every method and passive damper on every structure at every amplitude."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The structures a comparison is made on: the scene's own, and those that differ from it by 5 % in one value."""
 

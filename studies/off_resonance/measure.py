@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Selection off resonance against brute force: random systems, the reduction each method leaves, the best there is."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies planar`: what friction on the side wall and the tip's slope change, and the page's table."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What friction on the side wall takes at the height that is best without it, and at the one that is best with it."""
 

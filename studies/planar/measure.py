@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Random systems with and without what the straight model leaves out: friction on the side wall, the tip's slope.
 

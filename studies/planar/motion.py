@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ball in a rectangular container on a beam's tip, in the plane, by impulses: rigid walls, Coulomb friction, rolling.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies seeds SCENE.yaml ...`: scenes through the loop with many noises, one row a stage."""
 

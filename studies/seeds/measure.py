@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Scenes through the loop without the graph, each with many noises: height, efficiency and rumble of every stage."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies soak SCENE.yaml --hours H --out DIR`: the bench for hours; what grows, what is lost."""
 

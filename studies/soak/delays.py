@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The delay from a block's last sample to its command, minute by minute, read from a bag of a run in real time."""
 

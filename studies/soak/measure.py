@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a run holds of the machine: memory, open files and threads of its processes, shared memory, from /proc."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The result of a soak: trends with their verdicts as a table, and the curves as a picture."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Runs the legs of a soak one after the other, each to a bag of its own that is checked and, if sound, removed."""
 

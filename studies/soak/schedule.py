@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The scene of one leg of a soak: a random but seeded schedule of amplitudes, pauses and faults."""
 

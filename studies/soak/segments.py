@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The shared memory of Fast DDS in /dev/shm, which a node that was killed leaves behind.
 

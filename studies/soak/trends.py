@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Trends: the slope of a quantity over the hours, with its error, against zero."""
 

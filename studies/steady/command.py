@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies steady`: what `simulate --steady` finds in random systems, beside the judge; a page's table."""
 

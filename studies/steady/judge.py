@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motion a scene comes to, by running it for long: nothing here is of `atpid_sim.periodic`.
 

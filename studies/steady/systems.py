@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Random systems: every law, weightless to the Earth's weight, nearly plastic to nearly elastic."""
 

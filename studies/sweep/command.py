@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies sweep`: the standard task at many heights on all cores: simulations a second, worst ledger."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Steady motions over heights beside runs of each height for hundreds of periods, at the complete fidelity."""
 

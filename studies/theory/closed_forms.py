@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Closed forms of impacts: Hertz on a wall, a ball that bounces to rest, a ball on a shaking table.
 

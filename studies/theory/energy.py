@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Energy of the beam and work on it, integrated over the motion itself (Eqs 3.55 to 3.70), and the grain as a mass.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A linear oscillator with a stop: closed forms of grazing, and of the motion with one impact a period.
 

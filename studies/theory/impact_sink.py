@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A vibro-impact energy sink under a harmonic force in closed form, to first order in its share of the mass.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Motion types from the sequence of impacts (thesis sections 3.5.1 to 3.5.3).
 

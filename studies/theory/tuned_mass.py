@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The exact optimum of a tuned mass on an undamped beam, which `atpid_control.design.tuned_mass` is checked by."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two impacts a cycle in closed form: a grain without weight between two walls (Masri and Caughey 1966).
 

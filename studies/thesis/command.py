@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies thesis NAME|all|list`: the thesis's figures and tables, computed, beside its own numbers."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Run a study: its points computed, its rows and picture written; what is finished is kept."""
 

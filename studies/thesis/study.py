@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A study file: scene, sweep, what is measured, the thesis's numbers, pictures (`data/NAME.yaml`)."""
 

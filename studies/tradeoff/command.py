@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies tradeoff`: the speed-accuracy table of a scene (JSON, Markdown) and its picture (PNG)."""
 

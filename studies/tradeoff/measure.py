@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Speed against accuracy on one scene: every fidelity, method and tolerance against one converged reference."""
 

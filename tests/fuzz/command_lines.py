@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hostile command lines: a valid one of each command, made impossible in exactly one place, from the real parsers."""
 

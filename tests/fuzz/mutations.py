@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hostile files: good ones, changed as disks, editors and other programs change them, or as one who means harm does."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The parsers of what users, other programs and cables give: how each is read, and what is changed to harm it."""
 

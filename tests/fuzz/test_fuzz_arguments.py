@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Command lines: each argument is checked where it is given; whatever is given ends in one line and changes nothing."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A small bag cut off anywhere, or with changed bits: a clear result, the whole chunks, and the bag as it was.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whatever a file holds, it is read or refused in one line, soon, in little memory; what once broke does so no more.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A storm of random requests: whatever is asked, and stamped how, targets and heights keep their limits and speed.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of what switches the exciter off: node, process of the output, watchdog, limits."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of the firmware: each test runs the real firmware on the emulated board, or its pure part on this machine."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of the link to the board: what is written when, what confirms it, and what is then answered."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of what stands between the graph and the motor: permit, commander, duplicates, supervisor."""
 

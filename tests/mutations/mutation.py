@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A mutation: one change of the safety path that must not pass unseen, and the tests that fail by it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Makes each change of the list in a copy of the repository and runs the tests that must fail by it.
 

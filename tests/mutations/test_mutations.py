@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The list of mutations keeps to the files as they are: each can still be made, and its tests are there.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reference for the tests: one mass on the moving support in closed form, apart from everything the engine computes.
 

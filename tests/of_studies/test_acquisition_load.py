@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Both devices at full rate through real nodes, briefly: every scan arrives or is counted as dropped.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The error bars of orders and frequency response hold the truth under noise of any memory, and friction is named."""
 

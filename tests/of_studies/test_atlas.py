@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The atlas: what its quick grid shows, the thesis's own labels, resuming, and what is refused."""
 

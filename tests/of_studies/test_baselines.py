@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The baselines: orders of convergence of the tableaux, agreement with the closed form and with each other."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Commands that run batches: the same options, and journals that give back what was put into them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Branches through folds and cliffs in two parameters: closed forms, direct simulation, the cliff finder, grazing."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies dampers`: several dampers beside scipy and stiff contacts, and wild scenes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The integration that promises of designs are checked by, against scipy's; and the study that uses it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The engine at the edges: elastic grains without end of hops, budgets, fast supports, surfaces that just meet."""
 

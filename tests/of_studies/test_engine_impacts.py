@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity impact where impacts come without end: ceilings that close, contacts at the very moment of pressing."""
 

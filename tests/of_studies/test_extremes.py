@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Far outside the thesis's range: a named outcome, nothing infinite, no grain outside, no energy from contacts."""
 

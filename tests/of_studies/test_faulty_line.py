@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A line that fails, outside of host and board: what passes it, and what becomes of a stop on it."""
 

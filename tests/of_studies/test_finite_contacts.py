@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The level `finite`: its table against the integrated contact, its runs against `soft`, its stated error."""
 

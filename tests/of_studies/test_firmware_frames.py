@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The real firmware against harmful frames, its look-up table, and that its figures are those of the driver."""
 

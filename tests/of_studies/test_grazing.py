@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Grazing of random linear oscillators at a stop: where it is, its square-root term, and the fold that comes from it.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The study of the identifier's error bars: it counts and prints, and what its page shows is so."""
 

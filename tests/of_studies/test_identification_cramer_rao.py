@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Against the Cramér-Rao bound: nothing is left to gain for a tone in white noise."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What docs/identification.md says and shows is true of the code and of the parameter file."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How every kernel is compiled and kept: with its own error model, by the contents of all that is compiled into it."""
 

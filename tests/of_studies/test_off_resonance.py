@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Selection off resonance: the predicted amplitude against simulation, `direct` against brute force, and no use."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Tuned masses against published optima and an integration; Masri's gap against its theory and the simulated best."""
 

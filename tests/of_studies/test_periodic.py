@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions: closed forms first, then what every multiplier obeys, then what cannot be found."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The planar simulation against closed forms and the straight model; the limits it was measured for."""
 

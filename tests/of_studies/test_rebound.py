@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Restitution of Lee-Herrmann and Kuwabara-Kono: the integral against known results, the series against it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Random systems of the thesis's range: what is called reproducible is right, and what is not is flagged."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The only real measurements there are: the free decays of thesis section 2.3.1."""
 

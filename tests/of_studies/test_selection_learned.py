@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The learned selector: against the best of a simulation, beyond its range, its file, and its training."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A margin found by a deadline: its systems, what it guarantees, and the threads it is computed on."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Steady motions without waiting: against runs that have waited, their multipliers, and what has none."""
 

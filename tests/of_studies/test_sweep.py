@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Frequency sweeps as drive tables, and sweeps over the height of the ceiling."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Steady motions over heights: each is the one its own run comes to, and what has none is named."""
 

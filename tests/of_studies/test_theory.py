@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Closed forms and quantities of the thesis on motions whose answer is known."""
 

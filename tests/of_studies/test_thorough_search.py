@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The search of the packages against the thorough one, and the shipped map, which was made with the latter."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The study of clocks, sweeps and accelerations: what it draws, and the table it puts into a page."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The trade-off: what is on the front, what is answered, and that a level meets its tolerance on a short scene."""
 

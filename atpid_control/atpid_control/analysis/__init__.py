@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a vibration laboratory computes from two signals: frequency response, spectra, decrement, orders."""
 

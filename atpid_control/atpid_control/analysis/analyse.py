@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """All analyses of a record together: what can be computed, and why the rest cannot."""
 

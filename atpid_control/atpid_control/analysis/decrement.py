@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Frequency and damping of a free decay with error bars, and the decrements from peak to peak (thesis, Eq. 2.1)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Frequency response by the estimators H1 and H2, with coherence and error bars.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recorded acceleration as displacement, integrated twice above a corner frequency, with the drift that is left."""
 

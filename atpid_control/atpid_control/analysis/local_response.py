@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The response to an excitation that does not repeat, such as one sweep or one shock: local rational models.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Orders: amplitude and phase at multiples of the excitation's frequency, by least squares, and the distortion."""
 

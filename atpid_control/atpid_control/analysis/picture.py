@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The panels of an analysis: traces, spectra, frequency response with coherence, orders, decay."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two signals sampled together, NaN where a sample was lost, and their parts without a gap."""
 

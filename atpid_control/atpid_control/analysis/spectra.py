@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Auto and cross spectra by Welch's method, over the parts of a record without a gap: nothing is joined."""
 

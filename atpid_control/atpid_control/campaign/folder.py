@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The folder of a campaign: a point is there whole or not at all, whenever the campaign is killed.
 

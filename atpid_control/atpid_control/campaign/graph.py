@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The emulated and the real stand of a campaign: one graph that runs throughout, and a recorder for each point."""
 

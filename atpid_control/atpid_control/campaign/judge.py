@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Judges a point while it is measured: settled by the estimates and the beam's amplitude, not by a clock."""
 

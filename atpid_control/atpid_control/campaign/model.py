@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From a campaign to a model of its stand: beam, contact, their uncertainties, and the model beside every point."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The page of a campaign: its curves with error bars beside simulation of the same points, each with its own report."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a point was measured to be, from its bag, and what simulation of the same point gives; both with error bars."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Measures the points of a campaign one after the other: set, settle, measure, check, next; pause, resume, repeat."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The role of a stand in a campaign, and the simulated one: a bench in lockstep for each point."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bag analyse BAG --out DIR`: frequency response, spectra, decrement and orders of a bag."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bag verify|check|recover|repair|extract BAG`.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bag report|export|traces BAG`: a bag as a page, as files of other programs, as plotting tools take it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bench SCENE.yaml --out DIR [--real-time]`, which bench.launch.py starts in real time."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid calibrate beam`: a recording in, the scene's `beam:` block out."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid calibrate contact`: a drop test or a run in, restitution, modulus and the scene's `contact:` block out."""
 

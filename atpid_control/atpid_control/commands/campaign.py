@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid campaign FILE.yaml --out FOLDER`: a stand measured over many points, which goes on where it was ended."""
 

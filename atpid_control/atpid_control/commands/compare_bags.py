@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bag compare A B --out DIR`: two recorded runs overlaid, their differences in a table."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid doctor [SCENE]`: what would keep a stand from running, or make its runs worse, and how to mend it."""
 

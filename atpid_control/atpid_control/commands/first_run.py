@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid first-run SCENE`: the first measurement of a stand, step by step, beside what its scene expects."""
 

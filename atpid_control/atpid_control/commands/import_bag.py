@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid bag import FILE... --out BAG`: measurements made elsewhere as a bag."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid learn`: train the learned selector from simulated systems; its errors on those left out."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid modes`: the modes of a structure as a scene has them, from dimensions, a file of modes or a recorded run."""
 

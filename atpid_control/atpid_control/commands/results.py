@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the commands on recordings have in common: the bag, a part of it, a folder for results, what is printed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid select`: the ceiling height for a scene's excitation, by one of the methods."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid stand SCENE`, which stand.launch.py starts as well, and `atpid live`, the page of nodes that run already."""
 

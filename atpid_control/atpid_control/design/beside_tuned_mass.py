@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The designed damper beside a tuned mass as heavy as its grain, on the same structure under the same excitation.
 

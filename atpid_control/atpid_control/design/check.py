@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The promise at amplitudes that the design was not made at: structures drawn anew, between its points."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The files of a design: a scene to start from with its height map, all numbers, the picture, the page."""
 

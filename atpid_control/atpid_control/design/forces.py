@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Contact forces at the ceiling and the floor in the steady motion, by the contact law along a `soft` run, and the
 sound that the grain radiates under them."""

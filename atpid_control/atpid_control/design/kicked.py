@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How often the motion of a design comes back after structure and grain are kicked (`atpid_sim.periodic.basin`)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where a design should not be trusted as it stands: lines with the value, the limit and what to do."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The whole design: the grain, heights over the amplitudes, the promise with its check, the motor."""
 

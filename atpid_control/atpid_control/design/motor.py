@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor that moves the ceiling: speed, force, torque, and how often it is struck.
 

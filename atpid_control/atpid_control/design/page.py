@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The page of a design: self-contained HTML in the style of the reports, light or dark by the reader's setting."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a design: eight panels from the choice of the grain to a tuned mass of the same weight."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a design is made for: structure, amplitudes, contact, aim, uncertainties; and the structures within these."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A dimensioned sketch of the container as SVG: floor, grain, ceiling closed and at its least and largest height."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A structure for `atpid design` from a file: the blocks `beam`, `further_modes` and `drive` of a scene."""
 

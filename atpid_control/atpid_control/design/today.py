@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The structure of today, without the damper: its amplitude over the box of uncertainties, in closed form."""
 

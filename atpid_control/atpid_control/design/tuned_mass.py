@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A tuned mass damper on a damped beam with a moving support, or on one of several modes, in closed form.
 

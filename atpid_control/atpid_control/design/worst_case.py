@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One support amplitude: the height that is best in the worst case, and the response to be expected there.
 

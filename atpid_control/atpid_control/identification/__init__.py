@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Amplitude, frequency and phase of the excitation, with error bars, from a sliding window of samples."""
 

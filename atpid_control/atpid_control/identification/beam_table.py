@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The beam's steady amplitude against the support's, simulated for each height at its first use."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Which groups of columns describe a window: decided by how much of the residual each explains."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The columns of the fit's linear model: the tone, what may lie on top of it, and what makes it unsteady.
 

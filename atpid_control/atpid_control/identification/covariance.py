@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From the converged fit to the estimate: amplitude, phase and their standard deviations, residual, harmonics."""
 

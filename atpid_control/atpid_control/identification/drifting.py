@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A tone whose frequency drifts slowly: described by its rate, it can be acted on like a steady one.
 

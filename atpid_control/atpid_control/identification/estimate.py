@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Settings and result of the identification: docs/identification.md explains each value, Excitation.msg the fields."""
 

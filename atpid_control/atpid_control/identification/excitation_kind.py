@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What excites a structure where that is no tone: a sum of tones, a random signal, a shock.
 

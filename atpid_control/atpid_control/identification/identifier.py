@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One estimate of the excitation for each block of samples, in a window that slides with them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Least squares on a few columns: normal equations and Cholesky, written out because they are small.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The four-parameter sine fit of IEEE 1057, with covariance, made to stand what real signals do.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Finds the tone in a buffer: seed, window of whole periods, fit, and its quality."""
 

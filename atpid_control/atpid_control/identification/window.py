@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The newest samples, in order of their index: gaps are NaN, and fast streams are averaged down to what a fit needs."""
 

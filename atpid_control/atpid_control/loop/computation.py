@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where a computation longer than a few milliseconds runs: inline, or in a thread beside the loop.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From each estimate to one command: hold, selection, the ceiling's range, refusals reported once, the step back."""
 

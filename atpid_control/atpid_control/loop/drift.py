@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Drift: the measured amplitude departs from the one simulated for the present excitation and height.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """When the chosen method fails or is late: the look-up answers in its place or, where there is no map, the hold."""
 

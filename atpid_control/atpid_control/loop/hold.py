@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """When to select a new height, and when not to (docs/graph.md, "When the ceiling moves").
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Rumble: impacts lose synchronism, and the beam's amplitude jumps from period to period.
 

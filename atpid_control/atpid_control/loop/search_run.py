@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The step search in the control loop: it commands the ceiling in place of the controller while it runs."""
 

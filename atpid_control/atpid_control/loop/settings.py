@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 

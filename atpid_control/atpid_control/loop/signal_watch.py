@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whether a channel's readings can be those of a working sensor: dead, frozen and impossible ones are found.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Out of a rumble: when the height is its cause, how far the ceiling steps back, and that it does not return."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Serves a running graph to Foxglove and PlotJuggler: its messages as they are, and their traces."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The SelectHeight services: `~/select` by the loop's method, `~/lookup`, `~/pca`, `~/direct`. They move nothing."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Serves the live page (docs/live.md): receives what the graph publishes, and calls its services for the operator.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The loop check, from the graph's messages: once, soon after the first sample, and on request."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The action `~/compute_map` (ComputeMap): a height map made while the node goes on, with progress and cancel.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The services of motor and exciter, by which the supervisor stops and arms them, and reports what they confirm."""
 

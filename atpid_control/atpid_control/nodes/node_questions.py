@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Polls a standard service of each node; a node whose executor hangs does not reply.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Does what the live page asks for, by the services and topics that anybody at the stand may use."""
 

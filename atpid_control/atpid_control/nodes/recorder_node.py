@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Records the graph's topics to a bag; serialised messages are written as they are received."""
 

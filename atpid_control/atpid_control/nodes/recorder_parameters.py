@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of recorder_node, what they mean for the session, and those of the other nodes, which it keeps."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag into identifier and selector in place of plant or stand, with /clock."""
 

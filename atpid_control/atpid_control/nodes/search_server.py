@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The action `~/search` (SearchHeight): a step search on the running structure, with feedback and cancel."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Supervises a run in real time: whether the nodes answer, and whether the quantities keep to their limits.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The order of the messages in a bag made in lockstep: by their stamps, whatever order they arrive in."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One recording from its first message to its last: what is counted, what is written and when it is complete."""
 

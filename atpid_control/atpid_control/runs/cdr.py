@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The few fields a recorder reads of a serialised message: stamp and handshake in place, the others decoded.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Checks what is in a bag: every sample index, one answer to each block, stamps, heights and speeds, how it ended.
 

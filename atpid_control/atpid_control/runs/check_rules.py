@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The rules a recorded run has to keep, each fed message by message with bounded memory (docs/recording.md)."""
 

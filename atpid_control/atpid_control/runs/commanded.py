@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The scene of a run whose excitation was commanded, with the tone that was put out in place of the largest one."""
 

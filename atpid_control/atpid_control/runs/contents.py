@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One pass over the files of a bag: its messages as they come, and the rest of it aside.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A table of numbers (.csv), evenly sampled, one column a channel and one `time` [s]: what stands in for a bag."""
 

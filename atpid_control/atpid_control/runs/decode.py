@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Decodes messages with the schemas inside the bag, and converts them to the definitions installed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Message definitions and type hashes of the installed packages, as a bag keeps them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Errors of bags, each in one line: what was given, what is allowed, what to do."""
 

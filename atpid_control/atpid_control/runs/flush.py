@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Flushes of a bag's files to the disk, which nothing that is written waits for; and a watch for a slow disk."""
 

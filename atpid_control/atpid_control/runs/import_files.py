@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Files of other programs as a bag of SampleBlocks in SI units; it lists, and keeps, what it converted or left out."""
 

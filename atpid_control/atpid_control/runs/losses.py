@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What is missing in a bag, by sample index: which topic, from which scan or message to which, how many."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What describes a bag: the origin of the run (id, commit, configuration verbatim), and metadata.yaml.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The files of a bag: one, or several where the recorder has split it, as rosbag2 numbers them."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag to play, by the definitions installed, and how far a replay's answers agree with the bag's."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
 

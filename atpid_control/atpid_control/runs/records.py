@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The records of a file of a bag, MCAP or sqlite3, read in one pass with every checksum checked and no length believed.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Makes a bag whole that was cut off or damaged: what can be read is kept, index and metadata.yaml are written anew.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as arrays on one time axis: signals, estimates, commands, ceiling, events, and what is missing.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reads what is whole in a damaged MCAP file: past a wrong checksum, a wrong length, a missing index or end."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where a stream of blocks goes on and where another begins: the one rule of all readers for gaps and jumps.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One channel of a recording on the time base of its stamps, and channels of several devices sampled anew together."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag as tables, in one pass and piece by piece: memory does not grow with its length.
 

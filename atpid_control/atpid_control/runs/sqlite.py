@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag in sqlite3, rosbag2's other storage, as the records an MCAP file would have."""
 

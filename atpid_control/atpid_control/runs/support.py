@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The support's motion in a bag, or the force that drives, as a series a scene's `excitation.series` takes."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the tables of a bag are: columns with units, one table for each stream of samples and each topic.
 

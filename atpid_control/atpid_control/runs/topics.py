@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Which topics a recorder subscribes to: a fixed list, never "everything there is"."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Tables as labelled arrays: an xarray DataTree with a Dataset for each stream of samples and each topic, or pandas."""
 

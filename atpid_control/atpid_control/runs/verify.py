@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Verifies a bag by reading every message, and names by sample index what is missing in it.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Writes a bag that `ros2 bag` reads: MCAP files and metadata.yaml (docs/recording.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Selection from half to twice the natural frequency; where the damper is of no use it stays closed.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The height of least root mean square under an excitation that does not repeat itself: `direct` without an amplitude.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Complex Model of the PCA (thesis section 4.4): the soft-contact simulation, continued from height to height.
 

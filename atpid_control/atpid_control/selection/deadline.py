@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The time a selection has: runs are begun only while there is enough of it left for one."""
 

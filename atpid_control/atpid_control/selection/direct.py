@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Direct selection: the whole range of heights simulated, from the state the damper is in, in less than a period."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A regression of best heights over dimensionless systems: the data it was trained on, from which it is made again.
 

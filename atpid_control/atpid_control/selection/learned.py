@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Learned selection: the height a regression over simulated systems gives, for a beam no map was made for."""
 

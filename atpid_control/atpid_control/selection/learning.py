@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Trains the learned selector: systems drawn over its whole range, each simulated, and its errors on those left out."""
 

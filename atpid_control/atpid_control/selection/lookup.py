@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Heights not computed here: of a map made before (thesis section 4.2, first kind of control), or the scene's own."""
 

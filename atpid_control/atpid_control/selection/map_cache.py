@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The height map of a run: the scene's own, one of the cache, or one made now and cached."""
 

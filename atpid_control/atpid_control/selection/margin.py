@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A height with a margin: the best in the worst of many systems that may be the true one, found by a deadline.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Predictive control algorithm (thesis section 4.4): guess a height, correct it by simulation, then tune it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Simplified and Predictive Model of the PCA (thesis section 4.4, equations 4.7 to 4.32): closed forms, no simulation.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The role of a height selector, from an excitation to the best ceiling height, and its contract for tests."""
 

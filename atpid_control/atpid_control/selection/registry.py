@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Methods of selection by name: those of this package, and selectors of other distributions by entry point.
 

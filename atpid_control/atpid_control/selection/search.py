@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Search on the running damper (thesis section 4.2): step the ceiling up, observe, return when the amplitude grows."""
 

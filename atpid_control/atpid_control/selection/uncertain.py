@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The systems that may be the true one, where a structure, its excitation and its ceiling are known within limits.
 

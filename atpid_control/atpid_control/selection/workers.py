@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Jobs shared by the calling thread and helpers: the next one free takes the next job, so that cost is shared."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ROS domain of the bench's own, so that two benches, or a bench and a stand, exchange no messages."""
 

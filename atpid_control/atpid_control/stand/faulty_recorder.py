@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The recorder with its bag on a disk that fails as its scene has it; the bench alone starts it, in its place."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The first measurement of a stand: its four steps, what each is expected to give, and what a recording shows."""
 

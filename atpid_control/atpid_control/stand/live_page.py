@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The live page beside a run of `bench` and `stand`, or of nodes that run already: options, and the node."""
 

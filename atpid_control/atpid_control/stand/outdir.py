@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The output folder: the newest run at its top, older ones in folders of their own; nothing is deleted."""
 

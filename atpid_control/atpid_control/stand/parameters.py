@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameter files: read for the nodes they are for, combined with what a run sets itself, and written for it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Nodes as processes: started together, watched, and stopped one after the other so that the bag is complete."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From a bag to the files its replay needs: the scene, the height map, and a parameter file for every node."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Runs the graph: in lockstep, all nodes in this process, or in real time, each node a process as on the stand.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The SROS 2 policy: which node may publish, receive, serve and request what, and nothing else (docs/security.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The operator's stop at the keyboard: Enter, at the terminal in which a run was started."""
 

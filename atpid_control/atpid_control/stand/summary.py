@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Results of a run, how long after a sample its command is out among them: summary.json, and the same as a table."""
 

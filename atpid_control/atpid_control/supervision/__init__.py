@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Supervision of a run: whether all nodes answer, whether all quantities keep to their limits, whether all is in order.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Which nodes answer: each is asked again and again, and is silent when it has not answered for the answer time."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Warning and abort level of each quantity. A warning is given once, until the quantity has been lower for a while.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The loop check before a run: what is compared, and what each comparison finds (docs/graph.md, "Loop check")."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The quantities that are limited, from the samples of a channel and from the state of the motor."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The states of a supervised run, and what each permits the motor (docs/graph.md, "Supervision")."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A page of headings, tables and panels: self-contained HTML, light or dark by the reader's setting."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Acquisition devices behind one protocol (`Acquisition`): LabJack T7, NI-9230, simulated.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Errors of an acquisition device, one line each: what happened, what is expected, what to do."""
 

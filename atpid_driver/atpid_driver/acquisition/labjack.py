@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A LabJack T7 streaming analogue inputs, through LabJack's own `labjack-ljm` package.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """An NI-9230 (or another simultaneous module) through NI's own `nidaqmx` package, here or over gRPC.
 

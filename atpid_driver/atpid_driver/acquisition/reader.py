@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reads a device in a thread of its own, queues its blocks, and reconnects after a fault.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Backends by name: those built in, and those that installed distributions declare as entry points of `GROUP`.
 

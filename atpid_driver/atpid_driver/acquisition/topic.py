@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The samples of another ROS driver, message by message as they arrive, as scans of a device.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Whether a channel's voltage can be that of a working sensor, or it is dead, frozen, clipped or has spikes.
 

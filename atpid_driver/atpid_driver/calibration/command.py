@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid calibrate sensor`: a calibration file and its picture from readings at known positions."""
 

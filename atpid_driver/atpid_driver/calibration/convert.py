@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Volts to SI and back: pure functions of a calibration; and the calibrations of a node's channels."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a calibration: readings and curve above, residuals with error bars below."""
 

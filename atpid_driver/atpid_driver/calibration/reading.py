@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid calibrate reading`: the mean voltage of one input at a known position, a row for `atpid calibrate sensor`."""
 

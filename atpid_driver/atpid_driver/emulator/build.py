@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Builds firmware and emulator when they are needed; make decides what is out of date."""
 

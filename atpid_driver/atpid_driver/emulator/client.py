@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A host of the emulated board in simulated time: every step is repeatable to the cycle."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The emulator as a context manager: start, run, inject faults, read the state, end."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A serial line that fails, between a host's port and a board's: a thread that passes frames on from pty to pty.
 

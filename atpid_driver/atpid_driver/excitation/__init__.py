@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The exciter's output: one role (`ExcitationDrive`), its backends by name, and the signals they put out."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """An output in a process of its own, which switches it off where this one is killed or hangs.
 

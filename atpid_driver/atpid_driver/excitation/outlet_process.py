@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_driver.excitation.outlet_process FD`: owns one analogue output, and switches it off by itself.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Analogue outputs: what a generator puts out, as the voltage of a T7 or of an NI module.
 

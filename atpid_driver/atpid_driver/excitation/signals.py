@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What an exciter puts out: commands become ramps of amplitude and frequency, and samples without a jump of phase.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The ceiling's motor: one protocol (`CeilingActuator`), two backends by name (a simulated ceiling, a serial port)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The protocol that every ceiling implements. Heights are floor to ceiling [m], times integer nanoseconds."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What is written to the board and when, decided from what is wanted and what it answered; without I/O.
 

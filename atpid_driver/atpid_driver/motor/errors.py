@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
 

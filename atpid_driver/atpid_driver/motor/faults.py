@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The fault table: bit, name and text. Bits 0 to 15 are the firmware's; docs/motor_protocol.md has the same table."""
 

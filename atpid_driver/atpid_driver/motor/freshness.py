@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How old a command is, by the steady clock: the clock of the wall may be set while a node is suspended."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The check of direction and gain before a run: the ceiling moves by a known distance and back (docs/graph.md)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The I/O thread to the board: opens the port, writes what the dialogue has due, reads, reconnects with backoff.
 

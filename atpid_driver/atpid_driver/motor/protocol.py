@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Frames of the motor protocol, pure: `$<seq>,<WORD>[,<args>]*<CRC16>\\n` (docs/motor_protocol.md).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Requests and answers of one connection to the firmware, without I/O: what is wanted, frames, lines that were read.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the motor node. Limits and speed have no defaults: they belong into the parameter file."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ceiling that moves at constant speed between its limits (thesis Eq. 3.36), exact and advanced by time stamps alone.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A simulated ceiling whose motor or height sensor fails, with the checks by which the firmware finds that.
 

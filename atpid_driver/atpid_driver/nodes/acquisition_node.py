@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The acquisition node: a lifecycle node around one `Acquisition` device, whichever backend it is.
 

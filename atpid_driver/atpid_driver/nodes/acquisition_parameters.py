@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the acquisition nodes: declared with description and range, checked before a device is opened."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Who may move ceiling or exciter: the publisher whose commands are followed, as long as the supervisor permits
 motion, and of two nodes of one name the one that was there before."""

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The sensors of an acquisition node: each channel's state as event and status, and NaN where one does not measure."""
 

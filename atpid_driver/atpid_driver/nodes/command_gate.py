@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Which commands may move something: those of the sender that is followed, in time, and made since it was armed."""
 

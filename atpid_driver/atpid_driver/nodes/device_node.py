@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A lifecycle node of one device: each failed transition is reported once, and its end releases the device."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The exciter of the emulated stand: the voltage of a stand-in device becomes the state that the plant follows."""
 

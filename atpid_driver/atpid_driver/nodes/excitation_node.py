@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The excitation node: commands in, the exciter's output out; a lifecycle node around one `ExcitationDrive`.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The wiring of the emulated stand: displacements of a simulated plant become the voltages of a stand-in device.
 

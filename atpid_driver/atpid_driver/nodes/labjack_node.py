@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The LabJack node: two lasers on a T7, published on sensors/laser; the source of the loop on the stand."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor node as others see it: its parameters, and a reading of the ceiling as message and diagnostic status."""
 

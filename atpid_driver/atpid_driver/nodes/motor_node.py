@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motor node: height commands in, ceiling state out; a lifecycle node around one `CeilingActuator`.
 

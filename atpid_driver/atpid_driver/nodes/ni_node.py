@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The NI node: accelerometers on an NI-9230, published on sensors/accelerometer; recorded beside the loop."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the motor node does for a simulated ceiling: it starts where the plant's stands, and has faults injected."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A node of a device that moves something: it starts only where it is alone and permitted, and is off otherwise."""
 

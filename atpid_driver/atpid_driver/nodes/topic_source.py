@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Subscribes for the backend `topic` to another driver's messages, of any type, and takes the channels' numbers out."""
 

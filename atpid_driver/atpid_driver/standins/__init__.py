@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Stand-ins for the vendors' libraries, so that their real Python packages run without a device.
 

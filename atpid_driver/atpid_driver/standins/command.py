@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid standin`: build the stand-ins, print their environment, inject faults by hand."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Faults for a stand-in device, through a small memory-mapped file that the library reads while it runs."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Voltages for a stand-in device: a memory-mapped ring of frames that one process writes and the library reads.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a stand-in device puts out: a memory-mapped file that the library writes and others read.
 

@@ -1,3 +1,4 @@
+// Copyright 2026 ATPID maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The firmware's pure part on the host, under address and undefined-behaviour checks: random requests, a random stand that
 // injects and clears, and after each millisecond an independent observer of when the motor may run.

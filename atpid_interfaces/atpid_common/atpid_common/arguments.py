@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Types of command-line arguments: what a number, a path or a name may be, checked once, where it is given.
 

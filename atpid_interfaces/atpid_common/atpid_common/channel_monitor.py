@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The state of a channel of samples, followed block by block; what can be wrong is judged where the signal is known.
 

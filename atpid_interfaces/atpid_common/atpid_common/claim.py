@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Names that one process at a time holds on this machine: of nodes, of ROS domains, of output folders."""
 

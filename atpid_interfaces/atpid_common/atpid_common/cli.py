@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The command line of a program: its commands by purpose, errors in one line, exit statuses.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The errors that are reported to the user in one line instead of a traceback, and the hint at a mistyped word."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Files that a user gives: regular ones only, and none larger than stated, before memory is taken for them."""
 

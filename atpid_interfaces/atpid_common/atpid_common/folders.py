@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The folders of the project: what is kept between runs in the user's cache, and what a package has installed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Faults that are injected on purpose: which part, what kind, from when to when; `faults` of a scene and of nodes.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """SIGINT, SIGTERM and SIGHUP of a process that must end in order, and the entry point of a node's executable."""
 

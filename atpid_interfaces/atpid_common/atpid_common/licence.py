@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The notice at the head of the project's files, as ament_copyright looks for it: its entry point is in setup.py."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a message must be like to be used at all, declared once for each type: finite rates, equal lengths, a time.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the environment asks of the middleware: the ROS domain, and discovery on this machine only (docs/security.md).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Output files and folders of the commands: what cannot be written is one line, before the work where possible."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The pytest plugin of all tests: a ROS domain of the session's own, checked message fields, no leftovers, settings.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The constants of the messages, for code without ROS; a test holds them to the .msg files, which explain each."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The notices of this package's files, by ament_copyright; ruff and mypy stand for the other linters of ROS."""
 

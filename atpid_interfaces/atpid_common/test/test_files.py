@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Files of users: whatever is wrong with one is a line, before memory is taken for it and without waiting."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where discovery is limited to this machine the middleware uses the loopback only; what a user sets, stays."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What every node that is a process of its own refuses at its start, in one line, and what may not change then."""
 

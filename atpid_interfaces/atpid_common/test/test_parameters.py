@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parameters from a table: defaults, ranges, and changes while the node runs."""
 

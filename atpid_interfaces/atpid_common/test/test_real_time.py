@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Real-time priority and locked memory: in force where they are allowed, one line where they are not."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Silence is an event within the time-out, and so is its end; before the first message and after a run it is right."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The executor of the nodes calls all that rclpy's calls, and makes the set that it waits on once."""
 

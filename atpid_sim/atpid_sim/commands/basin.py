@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid basin`: the share of kicks, or of initial states, that come to the promised motion, over heights."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid cliffs`: the periodic motion over the height through its folds, and where it ends over a second parameter."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid map`: the best heights of a system, with a progress bar; goes on after a kill."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The options that several commands have: workers, a cluster, accuracy, a table of the results."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
 

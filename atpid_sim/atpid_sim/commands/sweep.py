@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid sweep`: the steady motions of a scene over heights, support amplitudes and grain masses."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The functions of the contact laws, chosen by the number of the law (`laws.py`); the engine calls these."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Elastic contact of a sphere with a flat wall, F = k x^1.5 (equations 3.9 and 3.17).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hard contact: an instantaneous exchange of momentum with constant restitution (equations 3.1-3.7).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hertz with damping by the root of the overlap, F = k x^1.5 + c x' x^0.5 (equation 3.11; Kuwabara and Kono 1987).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The contact laws: one module of this folder each. A law's number is its place in this list."""
 

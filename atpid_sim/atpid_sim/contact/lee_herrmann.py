@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hertz with linear damping, F = k x^1.5 + c x' (equation 3.10; Lee and Herrmann 1993).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Linear viscoelastic contact, F = k x + c x' (equation 3.8).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Restitution of a Hertz contact with damping c x' x^a for a = 0 and a = 1/2, by one Chebyshev series each.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the contact block of a scene has in common, whatever the law: its name, and parameters for the kernels."""
 

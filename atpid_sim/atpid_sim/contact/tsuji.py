@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hertz with damping by the fourth root of the overlap, F = k x^1.5 + c x' x^0.25 (Eqs 3.12, 3.24; Tsuji 1992).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Hysteretic contact: linear loading and steeper linear unloading (Walton and Braun 1986).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Coefficients of the exact motion of the beam while no contact force acts on it (equations 3.39 and 3.43).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Many states of one system followed under a harmonic drive until each lies in a known neighbourhood of a motion."""
 

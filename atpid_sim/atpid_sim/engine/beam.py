@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Motion of the beam along an arc: displacement, velocity, acceleration, and bounds of what follows.
 

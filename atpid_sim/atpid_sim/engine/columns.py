@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Names of the places in the engine's arrays. Kernels (`y[at.BEAM]`) and callers never index by a bare number.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where inside a step the contact force vanishes or a hysteretic contact turns, by regula falsi (Illinois)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One explicit step of a contact by the method of Dormand and Prince, order 5(4).
 

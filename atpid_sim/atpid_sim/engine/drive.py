@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The drive table: the motion of support and ceiling, as rows between whose ends nothing has a kink.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Limits of the integration: the budget of steps, and how finely contacts are integrated."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `finite`: a contact of finite duration in one step, from a table of its scaled problem.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Flight: beam and grain move in closed form until a wall is touched, a contact force reappears, or the row ends."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `impact`: instantaneous impacts with the law's restitution, and sticking as one mass."""
 

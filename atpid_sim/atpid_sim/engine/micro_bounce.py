@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Micro-bounces: after very many the grain is put into static contact with its wall.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a structure of several modes along a `modal_arc.ModalArc`, and bounds of what follows.
 

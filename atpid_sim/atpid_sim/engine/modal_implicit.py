@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One implicit step of static contact on a structure of several modes: `rosenbrock`, mode by mode.
 

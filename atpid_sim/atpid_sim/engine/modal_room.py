@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Where kernels keep what they compute of several modes: in rows below the modes' table, made once for a run.
 

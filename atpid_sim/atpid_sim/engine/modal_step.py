@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Steps of a contact on a structure of several modes: Dormand and Prince where explicit, RODAS4 where implicit.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the phases of a run compute where the structure has several modes (`atpid_sim.modal`), and where it has one.
 

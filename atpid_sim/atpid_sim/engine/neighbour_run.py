@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions at heights side by side, in one kernel: each is solved for from those before it.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `simplified`: beam and grain as one mass (closed damper), or the beam alone (the grain is left out)."""
 

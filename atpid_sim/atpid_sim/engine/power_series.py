@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a structure as a power series of time, exact to rounding within a radian of its fastest vibration.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A harmonic run behind a path of the ceiling, in one kernel: settled, watched, and ended as soon as the answer is due.
 

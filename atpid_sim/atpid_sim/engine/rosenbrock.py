@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One implicit step of static contact: the L-stable Rosenbrock method RODAS4.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """How far the motion may be advanced without passing a surface: lower bounds from a bounded third derivative."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One contact under a given relative acceleration: what the tables of contacts are made of.
 

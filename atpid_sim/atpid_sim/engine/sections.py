@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Section states: the numbers that determine the rest of a motion where the grain flies, and a state of the engine.
 

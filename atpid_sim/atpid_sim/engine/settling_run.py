@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A transient under a harmonic drive, followed in one kernel until passages of a section draw together regularly."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Several dampers on one structure, a grain in each: flights, impacts, and grains at rest as part of the structure.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The state of a run: an array and counters that kernels change in place, with properties by name for callers."""
 

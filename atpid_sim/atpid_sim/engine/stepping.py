@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The methods by which a contact is integrated, on a structure of one mode or of several."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a mode's motion along an arc: its free vibration, and its answer to a tone close to resonance.
 

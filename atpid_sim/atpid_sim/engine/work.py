@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Work of the support and loss of the beam's damper while beam or beam and grain move in closed form.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Approach paths to a height: near the optimum the motion depends on the path of the ceiling before."""
 

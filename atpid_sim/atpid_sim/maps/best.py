@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The best height: the lowest at which the beam's amplitude is least, by whichever path the ceiling approached.
 

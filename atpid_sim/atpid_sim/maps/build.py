@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The values of a map over the amplitude: monotone curves, none across a point that could not be computed."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A map as a C header for the motor's firmware: amplitudes and heights in micrometres, in program memory."""
 

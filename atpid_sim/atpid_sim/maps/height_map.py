@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`HeightMap`: best heights over support amplitude and grain mass, with what they hold for, in one NPZ file."""
 

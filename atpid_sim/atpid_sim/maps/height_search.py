@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The search for the best height at one amplitude: first looks at heights, then ratings of the most promising."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a map holds for: the values that decide best heights, by the scene's own keys."""
 

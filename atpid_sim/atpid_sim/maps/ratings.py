@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Ratings of heights in a search: amplitudes over all approach paths, at the quick level and the complete."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The response of a beam with its damper at a height, by the path on which the ceiling approached it."""
 

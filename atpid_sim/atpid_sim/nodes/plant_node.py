@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports.
 

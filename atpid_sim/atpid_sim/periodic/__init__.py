@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions of beam and grain: found by Newton's method, their multipliers, and where they lose stability."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The transient of a scene, followed with tabulated contacts until it draws together regularly."""
 

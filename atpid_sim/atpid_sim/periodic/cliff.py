@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The cliff: the height up to which a periodic motion stays stable while the ceiling is raised, and what ends it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Curves of periodic motions: a branch in one parameter through its folds, and a cliff in two.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Neighbourhoods of a stable periodic motion from which every state comes to it, and states that are followed there.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The return map: the state of structure and grain one or more periods of the drive later, and its derivative.
 

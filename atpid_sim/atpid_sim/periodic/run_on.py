@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A scene run on at the fidelity asked for, its last excitation and ceiling staying, until its motion repeats itself.
 

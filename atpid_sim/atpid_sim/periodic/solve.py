@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions by Newton's method on the return map, and whether they are stable.
 

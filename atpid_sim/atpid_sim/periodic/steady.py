@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The steady motion of a scene without waiting for it: the transient is followed until it contracts, then solved for.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The steady motions of a scene over heights, amplitudes and grain masses at once."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream: advanced block by block while a controller moves the ceiling."""
 

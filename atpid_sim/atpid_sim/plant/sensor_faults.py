@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Injected faults of a sensor's channel and of the clock, in readings and stamps, block by block."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own.
 

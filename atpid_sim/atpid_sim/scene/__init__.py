@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: what one run needs, read from YAML and checked (docs/scenes.md)."""
 

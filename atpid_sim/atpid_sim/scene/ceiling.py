@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the ceiling does: stand, open once, follow a profile, or obey a controller."""
 

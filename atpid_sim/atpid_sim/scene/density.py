@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Power spectral densities given by points: straight between them in logarithms of both, zero outside."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The blocks of drives that are no single tone: one of several tones, a random motion, a shock."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What the support does: tones, nothing (free decay), a sweep, random motion, a shock, or a measured series."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What is wrong with a scene in one line: key, what was given, what is allowed."""
 

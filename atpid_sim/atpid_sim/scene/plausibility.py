@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Plausibility of a scene: values that are possible but unusual, as after a wrong unit. They are run all the same."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The scene: read from a YAML file or a mapping, checked, changed; the standard bench."""
 

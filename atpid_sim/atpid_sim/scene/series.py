@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """YAML read with the numbers of YAML 1.2: `2.1e8` is a number, `1:30` and `yes` are text, no key appears twice.
 

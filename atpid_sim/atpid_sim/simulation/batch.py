@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Many jobs, one way: on this machine's cores or on a Dask cluster, with progress, a journal, and an end by Ctrl-C."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Instantaneous impacts beside contacts of finite duration: how far their amplitude is off in this very run.
 

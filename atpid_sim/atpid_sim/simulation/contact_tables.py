@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Tables of contacts, made once for each law, its parameters and the reduced mass, in milliseconds.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The fidelity level of a run: the one given, or with `auto` the cheapest that meets the scene's tolerance.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Runs of a scene that differ in the height to which its ceiling goes last, as drive tables that begin alike."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The journal of a batch: one line a job, on the disk before the next; nothing is computed twice."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a motion is measured by: half peak-to-peak, efficiency (Eq. 3.74), decrement of a free decay (section 2.3.1)."""
 

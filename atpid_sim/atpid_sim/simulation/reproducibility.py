@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Error and reproducibility of an amplitude: finer tolerances, disturbed starts, an ensemble where these diverge."""
 

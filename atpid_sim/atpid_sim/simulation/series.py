@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a run as a file: a table (CSV), arrays (NPZ) or a picture (PNG)."""
 

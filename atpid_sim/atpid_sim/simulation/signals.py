@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Signals as rows of the drive table, in whatever unit [U]: sums of tones, random signals, a twice integrated pulse."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility of each window."""
 

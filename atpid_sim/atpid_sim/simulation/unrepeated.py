@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Measures of motions that do not repeat themselves: root mean square with its error, spectrum, peak after a shock."""
 

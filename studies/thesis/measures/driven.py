@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A driven beam in its steady window: amplitude, motion type, forces; specific damping on the way there."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Energies and works of a driven beam (Figs 3.18 to 3.22)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a point's scene, and the beam of it as the analysis takes it."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ball on a shaking table: a scene whose stiff, heavy beam follows its support, begun on the periodic motion."""
 

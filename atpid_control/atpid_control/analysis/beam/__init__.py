@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Stiffness, damping and mass of the beam from a recorded decay or sweep (the thesis leaves this as future work).
 

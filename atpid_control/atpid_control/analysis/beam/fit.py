@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """k/m and c/m by output error: the model's motion, driven by the measured support, laid through the measured beam.
 

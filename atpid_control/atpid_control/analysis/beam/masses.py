@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """From k/m and c/m to the scene's beam block, with the one mass that has to be given."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A ball that bounces on a fixed wall: its impacts from a table or a recorded pulse train, restitution and modulus.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A mean with its 95 % interval, where every value scatters and every instant was measured with an error.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Impacts in a recorded run of the damper: where pieces of the beam's free response cross.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Restitution and contact time from the flights of a recorded run: no force is measured, three laws replace it.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """One impact of Tsuji's law in closed form: how long it lasts and how wide its force is, for a restitution.
 

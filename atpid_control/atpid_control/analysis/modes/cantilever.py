@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Modes of a cantilever with a body at its tip, by Euler-Bernoulli finite elements.
 

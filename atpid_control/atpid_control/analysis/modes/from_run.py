@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The modes of a recorded run by output error: the measured drive through several modes, laid through the beam.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Modes of a structure as its container meets them, and the blocks of a scene that they make."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Modes from data sets 55 of a universal file, real or nearly so, read by pyuff; shapes in the global axes.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Simulate a scene with a measured support and compare the beam's motion, period by period (Eq. 3.46).
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The panels of a comparison: motions, their difference, amplitudes period by period, ceiling, the last periods."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Tables of text: any separator, decimal comma, lines above, units in names or in a row of their own, an index."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """MATLAB: version 5 by scipy, in memory; version 7.3, which is HDF5, by h5py piece by piece.
 

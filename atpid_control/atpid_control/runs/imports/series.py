@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a reader of files gives: channels with their names and units as the file has them, and when they were sampled.
 

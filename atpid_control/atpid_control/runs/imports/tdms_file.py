@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """TDMS, read by npTDMS chunk by chunk: waveforms, and groups with a channel of times."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Universal files: time responses of data sets 58, in ASCII or binary, read by pyuff record by record.
 

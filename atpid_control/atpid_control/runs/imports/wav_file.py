@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """WAV: integers are scaled to a full scale of 1; what that is in SI is stated with --channels."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the stand's devices: board, LabJack, NI module, exciter, calibrations. Nothing moves."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a check finds, and what it looks at: a machine, whose files may be others, and a stand."""
 

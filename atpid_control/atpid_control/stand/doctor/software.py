@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the software: packages, workspace, ROS's environment, scene and parameters."""
 

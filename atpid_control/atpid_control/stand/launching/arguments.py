@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The arguments of a launch file: the options of the command that it starts, and that command's words."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """What a launch file does: it starts the command of its name, which supervises the nodes, and ends as that does."""
 

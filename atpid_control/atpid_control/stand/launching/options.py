@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The options of `stand`, `bench` and `replay`, declared once: for the commands, and for the launch files of them.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The campaign's node in a stand's graph: it commands the excitation, sets the selector, and collects what is answered.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The graph as the bench runs it: in lockstep all nodes on one executor, or watched from outside in real time."""
 

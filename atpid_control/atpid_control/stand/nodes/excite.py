@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid excite SCENE`: command the exciter of nodes that run already, until Ctrl-C."""
 

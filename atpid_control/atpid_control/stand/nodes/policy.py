@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Makes the stand's SROS 2 policy from its nodes: each is made, not started, and asked what it has opened."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Two recorded runs on one time axis: by the start of their samples, by the clock of the hardware, or by an event."""
 

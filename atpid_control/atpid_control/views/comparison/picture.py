@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The panels of two bags: envelopes, the last periods and difference of the beams, excitation, ceiling, spectra."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """CSV: a file a table, which begins with comments (`#`) that describe it; names with units in the first other line."""
 

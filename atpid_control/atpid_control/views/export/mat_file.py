@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """MATLAB's format 5: a struct a table with a column a field, and beside it their units and names in the bag."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Columns of numbers kept on disk while a bag is read, for formats that take whole columns."""
 

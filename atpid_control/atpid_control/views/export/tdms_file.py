@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """TDMS of National Instruments, by npTDMS: a group a stream of samples, a waveform a channel, lost samples NaN."""
 

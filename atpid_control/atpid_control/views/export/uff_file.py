@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Universal file format, data set 58: a time record a channel, in binary (58b, doubles bit by bit) or in ASCII.
 

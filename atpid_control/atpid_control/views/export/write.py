@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Exports a bag to a file, or several beside it where a format holds one table a file."""
 

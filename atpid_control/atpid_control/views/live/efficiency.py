@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The share by which the beam's amplitude lies below a reference: the damper closed, or none at all."""
 

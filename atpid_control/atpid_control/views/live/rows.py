@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Rows of numbers over time, bounded: those of the last seconds, and those not yet sent to the browsers."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Serves the page and its stream, in a thread of its own: one message for all browsers, 25 times a second.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Blocks of samples thinned for the screen, and the spectrum of the last seconds."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The state of the graph as the page shows it: nodes, motor, controller, recorder, and who has fallen silent."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The view model: from the graph's messages to what the page shows; read by their fields alone, so it is free of ROS.
 

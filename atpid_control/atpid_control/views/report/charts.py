@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run simulated again: with the damper closed, a report's baseline, and as recorded: is it reproducible?"""
 

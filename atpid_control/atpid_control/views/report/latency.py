@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The latency of a run in real time: how long after the last sample of a block its estimate and its command are out."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The page of a report: self-contained, light or dark by the reader's setting; its template is data/report.html."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The charts of a report, declared once: panels of curves with their names, units, colours and limits.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The pictures as PNG, for README and papers; the page draws the same panels."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The stages of a run, intervals of constant excitation: what was measured at the ends, and what the thesis prints."""
 

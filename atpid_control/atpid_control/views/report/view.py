@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The data of pictures and page, computed once: the run, the closed damper beside it, stages, the headline."""
 

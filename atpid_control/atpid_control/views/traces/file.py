@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bag once more, with its traces: an MCAP file that Foxglove and PlotJuggler open and plot."""
 

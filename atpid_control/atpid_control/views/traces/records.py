@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Messages of standard types, serialised without their packages: viewers have the definitions in the file."""
 

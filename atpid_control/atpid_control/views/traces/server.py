@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Serves records to Foxglove and PlotJuggler, on this machine and for reading only."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the graph in, what can be plotted out: pure, and the same for a bag and for a running graph."""
 

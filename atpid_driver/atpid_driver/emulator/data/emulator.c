@@ -1,4 +1,5 @@
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
 /* The emulated motor stand: the real firmware on an emulated Mega 2560, its serial port a pty.
  *
  *   emulator FIRMWARE.elf [--link PATH] [--eeprom FILE] [--height UM] [--bootloader MS] [--reset-on-open]

@@ -1,4 +1,5 @@
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
 /* An ATmega2560 in libsimavr with the real firmware in it, wired to a stand. Time is the AVR's own, in cycles. */
 #ifndef ATPID_MEGA_H
 #define ATPID_MEGA_H

@@ -1,4 +1,5 @@
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
 /* The ceiling as the board sees it: a motor of one speed, a potentiometer, two limit switches, an emergency stop.
  * Its figures are those of firmware/config.h. Every way to break is a field of struct stand. */
 #ifndef ATPID_STAND_H

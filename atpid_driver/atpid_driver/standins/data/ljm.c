@@ -1,6 +1,6 @@
-/* SPDX-License-Identifier: Apache-2.0
- *
- * A stand-in for LabJack's libLabJackM.so with one T7 behind it, so that the real labjack.ljm package runs without
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
+/* A stand-in for LabJack's libLabJackM.so with one T7 behind it, so that the real labjack.ljm package runs without
  * a device. Only the calls that package makes for opening, registers and streaming exist. Environment:
  * ATPID_LJM_SOURCE (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_LJM_CONTROL (see control.py) and
  * ATPID_LJM_OUTPUT (see outputs.py).

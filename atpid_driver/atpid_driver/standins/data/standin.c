@@ -1,4 +1,5 @@
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
 
 #include "standin.h"
 

@@ -1,6 +1,6 @@
-/* SPDX-License-Identifier: Apache-2.0
- *
- * What both stand-in libraries share: a source of channel voltages, faults injected through a memory-mapped
+// Copyright 2026 ATPID maintainers
+// SPDX-License-Identifier: Apache-2.0
+/* What both stand-in libraries share: a source of channel voltages, faults injected through a memory-mapped
  * control file, and a stream that produces scans by the clock (or as fast as a feed is written).
  * The file layouts are documented in feed.py and control.py, which write them.
  */

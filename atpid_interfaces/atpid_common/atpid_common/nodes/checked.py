@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Subscriptions whose messages are checked where they enter; what cannot be used is counted and dropped."""
 

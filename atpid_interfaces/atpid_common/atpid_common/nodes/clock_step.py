@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Steps of the wall clock while a node spins: the executor is woken, and the step is logged.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Publishes a node's state once a second on the absolute topic `/diagnostics` (REP 107)."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid ros echo TOPIC`: prints messages, as `ros2 topic echo` does where there is one."""
 

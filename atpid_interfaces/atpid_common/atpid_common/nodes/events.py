@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Publishes a node's events and logs them, so that they are on `events` and on `/rosout`."""
 

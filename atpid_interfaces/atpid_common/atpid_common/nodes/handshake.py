@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The handshake of a source of samples: an empty message passes through every node before the first sample.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """A bound on the time in which a process leaves the graph, where the middleware of the wheels may wait for ever.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid ros lifecycle NODE TRANSITION`: what `ros2 lifecycle set` does where there is one."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Conversions between messages and numbers, the quality of service of the topics, and the clock of all timers."""
 

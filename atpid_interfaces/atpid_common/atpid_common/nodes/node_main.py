@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Nodes as processes of their own, with bad input in one line and Ctrl-C once or twice; and the node of a command."""
 

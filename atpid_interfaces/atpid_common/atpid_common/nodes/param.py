@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """`atpid ros param get|set|describe|list NODE ...`: as `ros2 param` does where there is one."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Declares a node's parameters from a table: name, default, description, unit, range, and whether it may change live.
 

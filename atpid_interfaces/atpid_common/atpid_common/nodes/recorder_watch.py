@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The recorder as a source of samples follows it: a source reports one that has gone, and at its end waits for the bag.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Prevents two nodes of one name: two plants would drive one loop, two motor nodes would move one ceiling."""
 

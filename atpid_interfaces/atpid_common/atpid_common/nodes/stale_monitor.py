@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Reports topics without messages: an event and a diagnostic status within the time-out, and an event when they resume.
 

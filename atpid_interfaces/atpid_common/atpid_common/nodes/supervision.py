@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The monitors of a node of the loop: silent inputs, quality of service, diagnostics."""
 

@@ -1,3 +1,4 @@
+# Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The executor of a node process: one wait for all that may come, then a call for each entity that is ready."""
 
