@@ -73,7 +73,7 @@ def _zero(node: str, description: Any) -> Any:
 def block(index: int, data: Any, rate: float = 1000.0, start_ns: int = 0, **fields: Any) -> bytes:
     """Return a laser's block with `data` (n, 2) that begins at scan `index`."""
     stamp = start_ns + round(index / rate * 1e9)
-    given = {
+    given: dict[str, Any] = {
         "channels": ["support_displacement", "beam_displacement"],
         "units": ["m", "m"],
         "skew": np.zeros(2),

@@ -5,6 +5,7 @@
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -187,7 +188,7 @@ def test_a_report_of_a_real_device_may_jitter_and_no_more(checked: Callable[...,
 
 
 def test_the_simulated_ceiling_is_held_to_range_and_speed(checked: Callable[..., Checked], sound: Messages) -> None:
-    series = {name: np.zeros(50) for name in ("support", "beam", "grain")}
+    series: dict[str, Any] = {name: np.zeros(50) for name in ("support", "beam", "grain")}
     heights = np.full(50, 0.2)
     heights[25:] = 1.2
     wrong = make("PlantTruth", 2_000 * MS, "plant", first_index=2000, rate=1000.0, ceiling=heights, **series)

@@ -60,6 +60,8 @@ def test_any_gain_is_removed_whatever_the_delay_is(seed: int) -> None:
     assert np.abs(settled[:, 1] / 0.3 - 1.0).max() < 0.01
     assert np.abs(settled[:, 2] / 5.0 - 1.0).max() < 0.01
     assert settled[:, 3].mean() > 0.95
+    # an overshoot that crosses the command is not held
+    assert np.abs(rows[rows[:, 3] > 0.0, 1] / 0.3 - 1.0).max() < 0.01
     # it comes near without passing far beyond, even before
     if gain < 1.0:
         assert rows[:, 1].max() < 0.3 * 1.1

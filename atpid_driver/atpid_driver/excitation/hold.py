@@ -49,6 +49,7 @@ class Hold:
         """Correct nothing: another command is followed."""
         self._amplitude, self._frequency = _Integrator(self._limit), _Integrator(self._limit)
         self._settled = 0.0  # since the output is at the command [s]
+        self._within, self._slow = 0.0, math.inf  # since the error is within the tolerance; time constant [s]
         self.error = math.inf  # of amplitude or frequency, the larger one, smoothed over the delay [-]
 
     @property
@@ -58,8 +59,8 @@ class Hold:
 
     @property
     def held(self) -> bool:
-        """Whether the identified excitation is within the tolerance."""
-        return self.error <= self._tolerance
+        """Whether the identified excitation stays within the tolerance: an overshoot crosses it sooner."""
+        return self._within >= 2.0 * self._slow
 
     @property
     def waits(self) -> bool:
@@ -77,10 +78,11 @@ class Hold:
         self._settled += seconds
         if self._settled < delay:
             return  # the window still holds the ramp
-        slow = _SLOW * delay
+        slow = self._slow = _SLOW * delay
         errors = [math.log(want / value) for want, value in zip(wanted, measured, strict=True)]
         for integrator, error in zip((self._amplitude, self._frequency), errors, strict=True):
             integrator.turn(error, seconds, slow)
         newest = max(map(abs, errors))
         share = min(1.0, seconds / delay)
         self.error = newest if math.isinf(self.error) else self.error + share * (newest - self.error)
+        self._within = self._within + seconds if self.error <= self._tolerance else 0.0
