@@ -374,8 +374,7 @@ class Dialogue:
 
     def _take(self, reply: StateReply, steady: float) -> None:
         self._check_plausible(reply)
-        speed = self._settings.speed if reply.mode is Mode.MOVING else 0.0
-        upward = reply.target > reply.height
+        velocity = self._settings.speed if reply.target > reply.height else -self._settings.speed
         self._rejected = reply.rejected
         if reply.mode not in (Mode.MOVING, Mode.HOLDING):
             self.goal = self._move = None
@@ -385,7 +384,7 @@ class Dialogue:
             faults=reply.faults | self._latched,
             height=reply.height,
             target=reply.target,
-            velocity=speed if upward or not speed else -speed,
+            velocity=velocity if reply.mode is Mode.MOVING else 0.0,
             speed=self._settings.speed,
             sequence=self._sequence,
             time=reply.uptime,
