@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from mcap.records import Schema
 from recorded import block
 from rewritten import BAG, Change, jumps, rewritten
 
 from atpid_control.cli import main
 from atpid_control.runs.decode import Decoder
-from atpid_control.runs.read import open_bag
+from atpid_control.runs.definitions import message_type
 from atpid_control.runs.segments import LONGEST_GAP, Segments
 from atpid_control.stand.summary import stage_table, summary_of, write_summary
 from atpid_control.views.report.view import view_of
@@ -129,12 +130,13 @@ def test_a_later_segment_keeps_its_place_in_the_run(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def made() -> Callable[..., Any]:
     """Return what makes a decoded block of the laser."""
-    bag = open_bag(BAG)
-    decoder: Decoder = bag.decoder
+    decoder = Decoder()
+    decoder.add(Schema(1, message_type("atpid_interfaces/msg/SampleBlock").definition.encode(), "ros2msg",
+                       "atpid_interfaces/msg/SampleBlock"))  # fmt: skip
 
     def make(index: int, at: float, scans: int = 100) -> Any:
         data = block(index, np.zeros((scans, 2)), start_ns=round((at - index / 1000.0) * 1e9))
-        return decoder.decode(next(raw.schema for raw in bag.raw if raw.topic == "/sensors/laser"), data)
+        return decoder.decode(1, data)
 
     return make
 

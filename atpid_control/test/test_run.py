@@ -27,6 +27,7 @@ from atpid_control.analysis.validation.measured import read_measured
 from atpid_control.cli import main
 from atpid_control.commands import calibrate_beam
 from atpid_control.runs.check import check
+from atpid_control.runs.decode import Converter
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.read import open_bag
@@ -62,8 +63,12 @@ def in_sqlite(folder: Path, definitions: bool = True) -> Path:
             known = get_types_from_msg(bag.decoder.definition(kind).decode(), kind)
             store.register({name: fields for name, fields in known.items() if name not in store.fielddefs})
             connections[topic] = writer.add_connection(topic, kind, typestore=store)
+        installed = {kind: Converter(kind, bag.decoder) for kind in set(bag.types.values())}
         for raw in bag.raw:
-            writer.write(connections[raw.topic], raw.log_ns, raw.data)
+            data = raw.data
+            if not definitions:  # those installed are all that is known
+                data = installed[bag.types[raw.topic]].convert(bag.decoder.decode(raw.schema, data))
+            writer.write(connections[raw.topic], raw.log_ns, data)
     if not definitions:
         with closing(sqlite3.connect(next(folder.glob("*.db3")))) as database:
             database.execute("DROP TABLE message_definitions")
