@@ -168,7 +168,7 @@ def test_a_driver_in_another_process(
     assert bench.blocks[-1].dropped == np.count_nonzero(~got)
     assert (loss == 0.0) == (bench.blocks[-1].dropped == 0)
     assert loss == 0.0 or np.count_nonzero(~got) / len(got) < 2.0 * loss
-    assert bench.blocks[-1].rate == pytest.approx(RATE, rel=5e-3)
+    assert bench.blocks[-1].rate == pytest.approx(RATE, rel=1e-2)  # measured beside other work
     assert bench.blocks[-1].units[0] == "m/s^2"
     if value.shape[1] > 1:
         np.testing.assert_array_equal(value[got, 1], -value[got, 0])
