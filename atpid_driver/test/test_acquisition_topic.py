@@ -168,7 +168,9 @@ def test_a_driver_in_another_process(
     assert bench.blocks[-1].dropped == np.count_nonzero(~got)
     assert (loss == 0.0) == (bench.blocks[-1].dropped == 0)
     assert loss == 0.0 or np.count_nonzero(~got) / len(got) < 2.0 * loss
-    assert bench.blocks[-1].rate == pytest.approx(RATE, rel=1e-2)  # measured beside other work
+    # without stamps both are of arrivals, which a busy machine delays
+    stamped = kind in ("imu", "state")
+    assert bench.blocks[-1].rate == pytest.approx(RATE, rel=5e-3 if stamped else 3e-2)
     assert bench.blocks[-1].units[0] == "m/s^2"
     if value.shape[1] > 1:
         np.testing.assert_array_equal(value[got, 1], -value[got, 0])
@@ -177,7 +179,7 @@ def test_a_driver_in_another_process(
     late = stamp - began - (index + away[0]) / RATE
     if kind == "scans":  # a message holds what was taken before it
         late += 9 / RATE
-    assert -0.02 < late.min() <= late.max() < (0.005 if kind in ("imu", "state") else 0.05)
+    assert (-0.02 if stamped else -0.2) < late.min() <= late.max() < (0.005 if stamped else 0.2)
 
 
 @pytest.mark.slow
