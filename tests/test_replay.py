@@ -165,6 +165,8 @@ def test_the_bags_that_come_with_the_project(ros: SingleThreadedExecutor, bag: P
     for topic in ("/excitation", "/ceiling/command"):
         given, found = answers(before, topic), answers(after, topic)
         assert len(given) == len(found) > 0
+        for answer in (*given, *found):  # these bags have the device here, where a frame is today
+            del answer["header"]["frame_id"]
         assert all(close(one, other) for one, other in zip(given, found, strict=True))
 
 

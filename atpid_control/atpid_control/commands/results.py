@@ -68,7 +68,7 @@ def claim(args: argparse.Namespace, *names: str) -> list[Path]:
     The page of a picture is claimed with it. A folder with an earlier result and nothing else needs no `--force`.
     """
     every = [*names, *(_page_of(Path(name)).name for name in names if name.endswith(".png"))]
-    replace = args.force or {item.name for item in output.folder(args.out).iterdir()} == set(every)
+    replace = args.force or {item.name for item in output.folder(args.out).iterdir()} <= set(every)
     return [output.file(args.out / name, replace=replace) for name in every][: len(names)]
 
 
@@ -87,7 +87,8 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         page = _page_of(shown.picture)
-        save_panels(shown.panels, shown.picture)
+        if shown.panels:
+            save_panels(shown.panels, shown.picture)
         page.write_text(_page(shown, numbers["missing"]), encoding="utf-8")
     if args.json:
         print(json.dumps(plain, allow_nan=False))
