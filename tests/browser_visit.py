@@ -31,7 +31,7 @@ def until(page: Any, expression: str) -> None:
     """Wait until an expression is true in the page, whose policy forbids `wait_for_function`."""
     deadline = time.monotonic() + TIMEOUT
     while not page.evaluate(expression):
-        assert time.monotonic() < deadline, f"{expression}: {page.evaluate('live.state')}"
+        assert time.monotonic() < deadline, f"{expression}: {page.evaluate('[live.pressed, live.answer, live.state]')}"
         page.wait_for_timeout(50)
 
 
