@@ -240,6 +240,8 @@ VALUES: dict[str, tuple[str, str, dict[str, Any], Verdict, str]] = {
                   "abort levels: none: however far the beam moves"),
     "a node's name": ("parameters", "labjak_node", {"serial": 1}, WRONG, "did you mean labjack_node?"),
     "a type": ("parameters", "labjack_node", {"rate": "fast"}, WRONG, "given 'fast'; allowed: a float"),
+    "a parameter's name": ("parameters", "selector_node", {"dead_bond": 0.1}, WRONG, "did you mean dead_band?"),
+    "a range": ("parameters", "identifier_node", {"window_periods": 99.0}, WRONG, "given 99; allowed: 1 to 20"),
     "travel": ("travel", "motor_node", {"highest": 0.5}, WRONG, "allowed: a scene inside the motor's range"),
 }  # fmt: skip
 

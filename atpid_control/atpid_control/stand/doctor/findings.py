@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from atpid_common.cli import load
-from atpid_common.errors import AtpidError, one_line
+from atpid_common.errors import AtpidError, did_you_mean, one_line
 
 if TYPE_CHECKING:
     from atpid_control.stand.parameters import Parameters
@@ -106,7 +106,24 @@ class Subject:
                 raise BenchError(
                     f"{name} of {node}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}"
                 )
+            if problem := _problem(node, name, value):
+                raise BenchError(f"{name} of {node}: {problem}")
         return combined(usual, port, self.given)
+
+
+def _problem(node: str, name: str, value: Any) -> str:
+    """Return what the node would refuse, in words: a name it does not have, a value outside its range; else ""."""
+    from atpid_common.nodes.node_main import PARAMETERS
+    from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
+    from atpid_driver.nodes import excitation_node, motor_interface
+
+    own = {"identifier_node": IDENTIFIER, "selector_node": SELECTOR, "supervisor_node": SUPERVISOR,
+           "motor_node": motor_interface.TABLE, "excitation_node": excitation_node.TABLE}  # fmt: skip
+    rows = {row.name: row for row in (*own.get(node, ()), *PARAMETERS)}
+    if name in rows:
+        return rows[name].problem(value)
+    known = node not in own or name == "use_sim_time" or name.startswith("qos_overrides.")
+    return "" if known else f"the node has none of this name{did_you_mean(name, rows)}"
 
 
 def examine(subject: Subject, checks: Mapping[str, tuple[str, str]]) -> Iterator[Finding]:
