@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import atpid_common.testing
 import pytest
 from left_out import ALLOWED
+
+import atpid_common.testing
 
 TESTS = Path(__file__).parent
 
