@@ -189,11 +189,11 @@ def test_another_campaign_and_other_files_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulation(tmp_path: Path) -> None:
-    path, out, chance = campaign_file(tmp_path), tmp_path / "out", random.Random(5)
+    path, out, chance = campaign_file(tmp_path, grain_masses=None), tmp_path / "out", random.Random(5)
     command, environment = ["atpid", "campaign", str(path), "--out", str(out)], without_domain()
     before: dict[str, int] = {}
     killed = 0
-    for _ in range(5):
+    for _ in range(3):
         running = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
         begun = len(list((out / "points").glob("[0-9]*")))
         deadline = time.monotonic() + 120.0
@@ -206,21 +206,21 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
         for place in (out / "points").glob("[0-9]*"):
             record = (place / "point.json").stat()
             assert before.setdefault(place.name, record.st_mtime_ns) == record.st_mtime_ns  # none is measured again
-    assert killed >= 3
+    assert killed >= 2
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=400.0)
     assert done.returncode == 0, done.stderr
-    assert "12 of 12 points measured, 0 skipped" in done.stdout
-    assert sorted(item.name for item in (out / "points").iterdir()) == [f"{number:04d}" for number in range(1, 13)]
+    assert "6 of 6 points measured, 0 skipped" in done.stdout
+    assert sorted(item.name for item in (out / "points").iterdir()) == [f"{number:04d}" for number in range(1, 7)]
     campaign, scene = read_campaign(path)
     folder = CampaignFolder(out)
     index = json.loads((out / "index.json").read_text())
-    assert [record["number"] for record in index] == list(range(1, 13))
+    assert [record["number"] for record in index] == list(range(1, 7))
     for record in index:
         assert not open_run(folder.place(record["number"]) / "bag").unread
     found = compared(campaign, scene, folder)
-    assert sum(abs(one["apart"]) <= 2.0 for one in found) >= 12 * 0.95
+    assert [one["apart"] for one in found if abs(one["apart"]) > 2.0] == []
     page = write_page(campaign, scene, folder)
-    assert all((out / f"points/{number:04d}/report/report.html").is_file() for number in range(1, 13))
+    assert all((out / f"points/{number:04d}/report/report.html").is_file() for number in range(1, 7))
     assert main(["calibrate", "campaign", str(out), "--out", str(tmp_path / "model")]) == 0
     load_scene(tmp_path / "model/model.yaml")
     model = model_of(campaign, scene, folder)

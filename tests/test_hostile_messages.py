@@ -56,7 +56,7 @@ TEXTS = [
     "\u00b5" * 50,
 ]
 #: Messages to each node: as many as `make fuzz` gives, or few.
-COUNT = 100_000 if settings.get_current_profile_name() == "long" else 2_000
+COUNT = 100_000 if settings.get_current_profile_name() == "long" else 1_000
 RANGES = {"uint8": 8, "uint32": 32, "uint64": 64}
 
 

@@ -245,7 +245,7 @@ def layouts(draw: st.DrawFn) -> dict[str, Any]:
             "lineterminator": draw(st.sampled_from(("\n", "\r\n")))}  # fmt: skip
 
 
-@settings(EXAMPLES, max_examples=300)
+@settings(EXAMPLES, max_examples=60)
 @given(made=tables(), layout=layouts(), data=st.data())
 def test_tables_of_pandas_in_any_layout(
     made: Made, layout: dict[str, Any], data: st.DataObject, place: Callable[[], Path]

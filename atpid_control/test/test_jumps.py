@@ -103,7 +103,7 @@ def test_every_reader_ends_and_names_it(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["early", "hour", "several", "hole"])
+@pytest.mark.parametrize("name", ["several", "hole"])
 def test_the_commands_that_simulate(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = str(rewritten(tmp_path / "bag", CHANGES[name])), tmp_path / "out"
     commands = {

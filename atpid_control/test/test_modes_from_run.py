@@ -87,7 +87,7 @@ def of_held(structure: Drawn, grain: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("kind", "unit"), [("random", "N"), ("sweep", "N"), ("random", "m"), ("free", "m")])
 def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str) -> None:
     inside, errors, refused = [], [], 0
-    for seed in range(16):
+    for seed in range(6):
         random = np.random.default_rng(seed)
         structure = drawn(random, unit == "N")
         try:
@@ -107,7 +107,7 @@ def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str)
         inside.append(np.abs(found - true) <= 1.96 * bars)
         errors.append(np.abs(found / true - 1.0).max())
     assert np.concatenate([one.ravel() for one in inside]).mean() >= 0.9
-    assert refused <= 2
+    assert refused <= 1
     assert np.median(errors) < 0.01
     assert max(errors) < 0.1
 

@@ -171,11 +171,8 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
     ("scene", "starts", "least", "most"),
     [
         (MIRRORED, Starts(None, 1.5), 0.4, 0.6),
-        (MIRRORED, Starts(0.5), 0.4, 0.6),
         (BISTABLE, Starts(None, 1.5), 0.85, 0.99),
-        (MONOSTABLE, Starts(None, 1.5), 0.96, 1.0),
         (MONOSTABLE, Starts(1.0), 0.96, 1.0),
-        (BISTABLE.with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.96, 1.0),
         (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.35, 0.5),
         (forced(MONOSTABLE).with_(further_modes=FURTHER), Starts(1.0), 0.96, 1.0),
     ],

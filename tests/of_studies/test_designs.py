@@ -64,8 +64,8 @@ def test_a_run_is_that_of_scipy_with_both_contacts_as_they_are(options: dict[str
 @pytest.mark.slow
 @pytest.mark.parametrize("modal", [False, True])
 def test_reductions_agree_with_the_packages(modal: bool) -> None:
-    found = designs.compare(6, 7, modal)
-    assert found.regular >= 2
+    found = designs.compare(3, 7, modal)
+    assert found.regular >= 1
     assert np.median(found.difference) < 1e-3
     # of random structures some are close to where their motion changes: docs/design_check.md has how many
     assert np.count_nonzero(found.difference > 0.01) <= 1

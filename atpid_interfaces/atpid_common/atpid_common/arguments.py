@@ -21,8 +21,9 @@ _LONGEST_PATH, _LONGEST_NAME = 4095, 255
 _SHOWN = 60
 #: Largest seed of a random sequence.
 MOST_SEED = 2**32 - 1
-#: A number, perhaps with a decimal comma; several joined by colons; one with a unit.
-_NUMBER = r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?"
+#: A number, perhaps with a decimal comma; several joined by colons; one with a unit. Digits are matched in one way
+#: only: in two, the time to refuse a long text grows with the square of its length.
+_NUMBER = r"[-+]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][-+]?\d+)?"
 _NUMBERS, _WITH_UNIT = re.compile(rf"{_NUMBER}(?::{_NUMBER})*"), re.compile(rf"{_NUMBER}\s*([^\W\d_]+|%)")
 #: A name in the graph: /node, node or ~/topic, with namespaces.
 _NAME = re.compile(r"(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*")
