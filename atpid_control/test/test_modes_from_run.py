@@ -106,7 +106,8 @@ def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str)
             true = np.stack([structure.frequency, structure.ratio, structure.mass if unit == "N" else structure.factor])
         inside.append(np.abs(found - true) <= 1.96 * bars)
         errors.append(np.abs(found / true - 1.0).max())
-    assert np.concatenate([one.ravel() for one in inside]).mean() >= 0.9
+    # 95 % bars, six structures, whose values in one record are correlated
+    assert np.concatenate([one.ravel() for one in inside]).mean() >= 0.85
     assert refused <= 1
     assert np.median(errors) < 0.01
     assert max(errors) < 0.1
