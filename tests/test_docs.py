@@ -261,7 +261,7 @@ NOT_RUN = {
     r"python -m studies (tradeoff|extremes|sweep|seeds|campaign|figures \w)": "minutes; their parts have tests",
     r"(ros2( launch| run)?|python -m PACKAGE\.nodes\.NODE .*|ros2 run PACKAGE NODE .*)$": "a name in a sentence",
     r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
-    r"ros2 service call /supervisor_node/rearm": "the wheels have no ros2; test_supervisor.py calls the service",
+    r"ros2 service call /supervisor_node/(rearm|stop)": "the wheels have no ros2; test_supervisor.py calls the service",
     r"ros2 service call /motor_node/rearm": "the wheels have no ros2; test_motor_node_serial.py calls the service",
     r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
     r"ros2 param (set|describe|load)": "the wheels have no ros2",

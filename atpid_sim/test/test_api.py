@@ -174,6 +174,10 @@ def test_a_library_that_is_missing_is_named(library: str, call: str, monkeypatch
         ({"young_modulus": 1e9}, "young_modulus: unknown key; did you mean contact.young_modulus?"),
         ({"height": "0.2"}, "ceiling.height: given '0.2'; allowed: a bare number, in m"),
         ({"durations": 3.0}, "durations: unknown key; did you mean duration?"),
+        ({"stifness": 400.0}, "stifness: unknown key; did you mean beam.stiffness?"),
+        ({"heigth": 0.2}, "heigth: unknown key; did you mean ceiling.height?"),
+        ({"mas_fraction": 0.2}, "mas_fraction: unknown key; did you mean grain.mass_fraction?"),
+        ({"frequncy": 5.0}, "frequncy: unknown key; did you mean excitation.frequency?"),
     ],
 )
 def test_a_wrong_change_of_a_scene_is_one_line_with_a_hint(change: dict[str, object], line: str) -> None:

@@ -148,15 +148,19 @@ def _show(
     title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float, measure: str = "beam amplitude"
 ) -> None:  # fmt: skip
     table = Table(title=title, show_header=False)
-    table.add_row("height", f"{chosen.height:.4f} m")
-    table.add_row(f"{measure} there", f"{chosen.beam_amplitude:.4f} m")
-    table.add_row("efficiency, against the damper closed", f"{100 * chosen.efficiency:.1f} %")
-    table.add_row(f"{measure} without the damper", f"{bare:.4f} m")
-    table.add_row("reduction, against that", f"{100 * efficiency(chosen.beam_amplitude, bare):.1f} %")
-    table.add_row("price of the margin", f"{100 * chosen.price:.2f} %" if math.isfinite(chosen.price) else "unknown")
-    table.add_row("resonance, damper closed", f"{scene.natural_frequency_hz:.4f} Hz")
-    table.add_row("simulations", str(chosen.evaluations))
-    table.add_row("time", f"{1e3 * chosen.wall_s:.1f} ms")
+    rows = {
+        "height": f"{chosen.height:.4f} m",
+        f"{measure} there": f"{chosen.beam_amplitude:.4f} m",
+        "efficiency, against the damper closed": f"{100 * chosen.efficiency:.1f} %",
+        f"{measure} without the damper": f"{bare:.4f} m",
+        "reduction, against that": f"{100 * efficiency(chosen.beam_amplitude, bare):.1f} %",
+        "price of the margin": f"{100 * chosen.price:.2f} %",
+        "resonance, damper closed": f"{scene.natural_frequency_hz:.4f} Hz",
+        "simulations": str(chosen.evaluations),
+        "time": f"{1e3 * chosen.wall_s:.1f} ms",
+    }
+    for name, text in rows.items():
+        table.add_row(name, "unknown" if text.startswith("nan") else text)
     console = Console()
     console.print(table)
     if chosen.stages:

@@ -191,7 +191,7 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             names = [str(name) for name in action.choices]
-            hint = f"; did you mean {self.inner[value]}?" if value in self.inner else did_you_mean(str(value), names)
+            hint = did_you_mean(str(value), names, self.inner)
             raise argparse.ArgumentError(action, f"given {value}{hint}; allowed: {', '.join(names)}")
 
 

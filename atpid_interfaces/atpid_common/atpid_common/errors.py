@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that are reported to the user in one line instead of a traceback, and the hint at a mistyped word."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 
 DONE, BROKEN_PIPE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses of commands and nodes. 1 after a broken pipe is what the Python documentation advises."""
@@ -21,12 +22,15 @@ def one_line(text: str) -> str:
     return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in shown)
 
 
-def did_you_mean(given: str, allowed: Iterable[str]) -> str:
-    """Return "; did you mean X?" with the word of `allowed` most like `given`, "" where none is like it."""
+def did_you_mean(given: str, allowed: Iterable[str], places: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return "; did you mean X?" with the word of `allowed` or `places` most like `given`, "" where none is like it.
+
+    X is the word itself, of `places` what it stands for.
+    """
     import difflib  # only where a word was wrong: commands start without it
 
-    near = difflib.get_close_matches(given, list(allowed), n=1, cutoff=_LEAST)
-    return f"; did you mean {near[0]}?" if near else ""
+    near = difflib.get_close_matches(given, [*allowed, *places], n=1, cutoff=_LEAST)
+    return f"; did you mean {places.get(near[0], near[0])}?" if near else ""
 
 
 class AtpidError(Exception):

@@ -96,9 +96,11 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
 def _unknown_key(error: ErrorDetails) -> str:
     name = str(error["loc"][-1])
     keys = _keys(error["loc"][:-1])
-    blocks = {key: [_model_at((key,)), *_CHOICES.get(key, {}).values()] for key in keys if len(error["loc"]) == 1}
-    inner = [key for key, models in blocks.items() if any(one and name in one.model_fields for one in models)]
-    similar = f"; did you mean {inner[0]}.{name}?" if inner else did_you_mean(name, keys)
+    inner: dict[str, str] = {}
+    for block in sorted(keys, key=lambda key: key.startswith("further_")) if len(error["loc"]) == 1 else ():
+        for model in filter(None, [_model_at((block,)), *_CHOICES.get(block, {}).values()]):
+            inner = {key: f"{block}.{key}" for key in model.model_fields if key not in keys} | inner
+    similar = did_you_mean(name, keys, inner)
     return f"{_key(error['loc'])}: unknown key{similar}; allowed: {', '.join(keys)}"
 
 
