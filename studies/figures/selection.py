@@ -83,7 +83,8 @@ def draw_margin(out: Path) -> Path:
             axes.plot(1e2 * shown.errors, shown.safe, "C0o-", markersize=3, label="with margin")
             axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.4))
             heights = f"{shown.bare_height:.3f} m, with margin {shown.safe_height:.3f} m"
-            axes.set_xlabel(f"error of the stiffness [%]\nbare {heights}\nprice {1e2 * shown.price:.1f} % of efficiency")
+            price = f"price {1e2 * shown.price:.1f} % of efficiency"
+            axes.set_xlabel(f"error of the stiffness [%]\nbare {heights}\n{price}")
         panels[0].set_ylabel("beam amplitude / closed damper's [-]")
         _legend(figure, panels[0])
     return path
