@@ -26,7 +26,7 @@ _EFFICIENCIES = (20.0, 40.0, 60.0, 70.0)
 #: Change of a best clearance from one column to the next that is a jump [-].
 _JUMP = 0.12
 #: Mosaic of the panels: M main, then mass fractions and slices.
-_MOSAIC = {"mosaic": "MMM;ABC;DEF", "height_ratios": (2.1, 1.0, 1.0)}
+_MOSAIC: dict[str, Any] = {"mosaic": "MMM;ABC;DEF", "height_ratios": (2.1, 1.0, 1.0)}
 #: Labels that the thesis prints, at 10 % where no mass fraction is named (Figs 3.12 to 3.15): mass fraction,
 #: amplitude [m], height [m], type.
 THESIS = (
