@@ -87,8 +87,8 @@ def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> Non
 @pytest.mark.slow
 def test_the_picture_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]]) -> None:
     now, printed = numbers_in(made[0] / "methods.png"), numbers_in(ROOT / "docs/figures/methods.png")
-    curves = {title.partition(" ")[2]: values for title, values in now.items() if TIMES not in title}
-    there = {title.partition(" ")[2]: values for title, values in printed.items() if TIMES not in title}
+    curves, there = ({" ".join(title.split()[1:]): values for title, values in each.items() if TIMES not in title}
+                     for each in (now, printed))  # fmt: skip
     compared = [title for title in curves if title.startswith(("thesis_4_3", "changed structure, support 15 mm"))]
     assert len(compared) == 2
     for title in compared:

@@ -9,12 +9,13 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
 from atpid_common.output import writing
-from atpid_sim.figure_style import LIGHT, style
+from atpid_sim.figure_style import LIGHT, WIDTH, style
 
 #: Name of the PNG's text chunk.
 KEY = "Numbers"
@@ -22,8 +23,8 @@ KEY = "Numbers"
 Numbers = dict[str, list[list[float]]]
 #: Panels from top to bottom, one or two in a row: each draws into axes, and leaves its legend to `legend_below`.
 Panels = Sequence[Sequence[Callable[[Any], None]]]
-#: Characters of a name from which on a legend has one column.
-_LONG = 32
+#: Characters of a name from which on a legend has one column, and of a line of a title in half a picture's width.
+_LONG = 38
 
 
 @contextmanager
@@ -47,22 +48,24 @@ def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> I
     pyplot.close(figure)
 
 
-def save_panels(panels: Panels, path: Path, height: float = 3.75, dpi: int = 110) -> None:
+def save_panels(panels: Panels, path: Path, height: float = 3.4, dpi: int = 150) -> None:
     """Draw all panels in one PNG, each row `height` inches high. Raises OutputError."""
     names = [[f"{row} {min(column, len(each) - 1)}" for column in (0, 1)] for row, each in enumerate(panels)]
-    with drawn(path, dpi=dpi, mosaic=names, figsize=(11.0, height * len(panels))) as (_, axes):
+    with drawn(path, dpi=dpi, mosaic=names, figsize=(WIDTH, height * len(panels))) as (_, axes):
         for row, each in enumerate(panels):
             for column, draw in enumerate(each):
-                draw(axes[f"{row} {column}"])
-                legend_below(axes[f"{row} {column}"])
+                panel = axes[f"{row} {column}"]
+                draw(panel)
+                panel.set_title(fill(panel.get_title(loc="left"), _LONG))
+                legend_below(panel)
 
 
 def legend_below(axes: Any) -> None:
-    """Draw the legend of what has a label below the axes, where it hides no curve."""
+    """Draw the legend of what has a label below the axes and their label, where it hides no curve."""
     names = axes.get_legend_handles_labels()[1]
     if names:
         columns = 2 if max(map(len, names)) < _LONG else 1
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=3.8, ncols=columns)
 
 
 def logarithmic(axes: Any) -> None:

@@ -28,19 +28,25 @@ class Palette:
     soft: str  # the same, as an area
     accent: str  # the thesis's figures, warnings
     window: str  # where a stage is measured
+    green: str  # curves without a meaning of their own, after `own` and `accent`
+    red: str
+    violet: str
 
 
 LIGHT = Palette(
     paper="#ffffff", ink="#1a1d21", muted="#5f6770", grid="#e7e9ec", given="#b4bac1", given_text="#6b727a",
     own="#0f6aa3", soft="#cfe3f0", accent="#b4540a", window="#f2f5f8",
+    green="#2f7d4b", red="#b0304a", violet="#6f4fa0",
 )  # fmt: skip
 DARK = Palette(
     paper="#14171b", ink="#e9ebee", muted="#9aa2ab", grid="#2a2f36", given="#5b646e", given_text="#98a1ab",
     own="#62b2e6", soft="#1d3b50", accent="#eb9b57", window="#1b2026",
+    green="#6cc08b", red="#ee7f95", violet="#b49be0",
 )  # fmt: skip
 #: Curves without a meaning of their own, in this order.
 _CYCLE = (
-    "#0f6aa3", "#b4540a", "#2f7d4b", "#b0304a", "#6f4fa0", "#7a5c3e", "#c0468f", "#5f6770", "#93891c", "#1a8f9c",
+    LIGHT.own, LIGHT.accent, LIGHT.green, LIGHT.red, LIGHT.violet, "#7a5c3e", "#c0468f", LIGHT.muted, "#93891c",
+    "#1a8f9c",
 )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import SIZE, WIDTH
 from atpid_sim.system import Array
 from studies.atlas.atlas import Atlas
 from studies.atlas.column import FAILED, TYPES
@@ -25,7 +26,7 @@ _EFFICIENCIES = (20.0, 40.0, 60.0, 70.0)
 #: Change of a best clearance from one column to the next that is a jump [-].
 _JUMP = 0.12
 #: Mosaic of the panels: M main, then mass fractions and slices.
-_MOSAIC = [["M", "M", "A", "B", "C"], ["M", "M", "D", "E", "F"]]
+_MOSAIC: dict[str, Any] = {"mosaic": "MMM;ABC;DEF", "height_ratios": (2.1, 1.0, 1.0)}
 #: Labels that the thesis prints, at 10 % where no mass fraction is named (Figs 3.12 to 3.15): mass fraction,
 #: amplitude [m], height [m], type.
 THESIS = (
@@ -48,7 +49,7 @@ def draw_atlas(atlas: Atlas, diameter: float, file: Path, thesis: bool) -> None:
         (FREQUENCY, row, f"A = {1e3 * a:.3g} mm, {100 * atlas.plan.slice_fraction:g} %")
         for row, a in enumerate(atlas.plan.slices)
     ]
-    with drawn(file, mosaic=_MOSAIC, figsize=(15.0, 8.0)) as (figure, panels):
+    with drawn(file, figsize=(WIDTH, 11.5), **_MOSAIC) as (figure, panels):
         _panel(panels["M"], atlas, main, diameter, thesis)
         _label_regions(panels["M"], atlas, main)
         _efficiency(panels["M"], atlas, main, diameter)
@@ -56,17 +57,16 @@ def draw_atlas(atlas: Atlas, diameter: float, file: Path, thesis: bool) -> None:
             _panel(panels[key], atlas, shown, diameter, thesis)
         for key, shown in zip("DEF", slices, strict=False):
             _panel(panels[key], atlas, shown, diameter, False)
-        for key, axes in panels.items():
+        for axes in panels.values():
             axes.set_visible(axes.has_data())
-            axes.tick_params(labelsize=10 if key == "M" else 8)
         for key in "AD":
-            panels[key].set_ylabel("(h − 2r) / A", fontsize=9)
+            panels[key].set_ylabel("(h − 2r) / A")
         main_axes = panels["M"]
-        main_axes.set_title(f"Resonance, {100 * atlas.plan.slice_fraction:g} % of grain", fontsize=15)
-        main_axes.set_xlabel("amplitude of the support A [mm]", fontsize=12)
-        main_axes.set_ylabel("clearance over amplitude (h − 2r) / A [-]", fontsize=12)
+        main_axes.set_title(f"Resonance, {100 * atlas.plan.slice_fraction:g} % of grain")
+        main_axes.set_xlabel("amplitude of the support A [mm]")
+        main_axes.set_ylabel("clearance over amplitude (h − 2r) / A [-]")
         _legend(figure, main_axes, thesis)
-        figure.suptitle(f"The motions of a particle impact damper, {atlas.simulations:,} simulations", fontsize=18)
+        figure.suptitle(f"The motions of a particle impact damper, {atlas.simulations:,} simulations")
 
 
 def _panel(axes: Any, atlas: Atlas, shown: tuple[str, int, str], diameter: float, thesis: bool) -> None:
@@ -101,7 +101,7 @@ def _panel(axes: Any, atlas: Atlas, shown: tuple[str, int, str], diameter: float
         axes.set_xticks(ticks, [str(a) for a in ticks])
         axes.minorticks_off()
     axes.set(title=title, xlim=(across[0], across[-1]), ylim=(0.0, float(clearance.max())))
-    axes.set_xlabel("A [mm]" if block == MASS else "frequency over resonance", fontsize=9)
+    axes.set_xlabel("A [mm]" if block == MASS else "frequency over resonance")
 
 
 def _across(atlas: Atlas, block: str, row: int) -> tuple[Array, Array]:
@@ -133,7 +133,7 @@ def _efficiency(axes: Any, atlas: Atlas, shown: tuple[str, int, str], diameter: 
     below = part["heights"] <= part["best_height"][:, None]
     efficiency = np.where(below, 100.0 * (1.0 - part["amplitudes"][:, :, 0] / part["closed"][:, None]), np.nan)
     lines = axes.contour(across, clearance, efficiency.T, _EFFICIENCIES, colors="white", linewidths=0.8, alpha=0.8)
-    axes.clabel(lines, fmt="%g %%", fontsize=10)
+    axes.clabel(lines, fmt="%g %%", fontsize=SIZE)
 
 
 def _label_regions(axes: Any, atlas: Atlas, shown: tuple[str, int, str]) -> None:
@@ -150,7 +150,14 @@ def _label_regions(axes: Any, atlas: Atlas, shown: tuple[str, int, str]) -> None
         spot = ((i + 0.5) / types.shape[0], (j + 0.5) / types.shape[1])
         colour = "white" if number < 2 else "black"
         axes.text(
-            *spot, name, transform=axes.transAxes, ha="center", va="center", color=colour, fontsize=14, weight="bold"
+            *spot,
+            name,
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            color=colour,
+            fontsize=1.3 * SIZE,
+            weight="bold",
         )
 
 
@@ -179,4 +186,4 @@ def _legend(figure: Any, axes: Any, thesis: bool) -> None:
             "markerfacecolor": "white",
         }
         handles.append(Line2D([], [], linestyle="none", label="the thesis's own label", **marker))
-    figure.legend(handles=handles, loc="outside lower center", ncols=9, fontsize=10, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)

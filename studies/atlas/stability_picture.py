@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_numbers import drawn, legend_below
+from atpid_sim.figure_style import WIDTH
 from atpid_sim.maps import DamperResponse, map_tolerance
 from atpid_sim.periodic import Conditions, PeriodicMotion, periodic_motion, raised
 from atpid_sim.scene import Scene
@@ -49,7 +50,8 @@ def way_across(scene: Scene, amplitude: float, cliff: float) -> Way:
 
 def draw_stability(atlas: Atlas, scene: Scene, file: Path) -> None:
     """Draw multipliers and cliffs of an atlas into a file; scene: the one the atlas was made for."""
-    with drawn(file, nrows=1, ncols=3, figsize=(15.0, 4.6)) as (_, (multipliers, distances, plane)):
+    with drawn(file, mosaic=[["left", "right"], ["below", "below"]], figsize=(WIDTH, 7.6)) as (_, panels):
+        multipliers, distances, plane = panels.values()
         part = atlas.blocks[MASS]
         amplitudes = 1e3 * np.array(atlas.plan.amplitudes)
         for row, fraction in enumerate(atlas.plan.mass_fractions):
@@ -64,7 +66,7 @@ def draw_stability(atlas: Atlas, scene: Scene, file: Path) -> None:
         distances.set(xscale="log", yscale="log", xlabel="amplitude of the support [mm]", ylabel="distance [mm]")
         distances.set(title="From the best height to the cliff")
         for axes in (multipliers, distances):
-            axes.legend(fontsize=9)
+            legend_below(axes)
             ticks = [a for a in (1, 2, 5, 10, 20, 50, 100) if amplitudes[0] <= a <= amplitudes[-1]]
             axes.set_xticks(ticks, [str(a) for a in ticks])
             axes.tick_params(axis="x", which="minor", labelbottom=False)
@@ -87,6 +89,6 @@ def _plane(axes: Any, atlas: Atlas, scene: Scene) -> None:
         way = way_across(resonant, amplitude, cliff)
         shown = np.repeat(1e3 * way.heights, 4)
         points = axes.scatter(way.multipliers.real.ravel(), way.multipliers.imag.ravel(), c=shown, s=14, zorder=3)
-        axes.figure.colorbar(points, ax=axes, label="height [mm]")
+        axes.figure.colorbar(points, ax=axes, label="height [mm]", panchor=False)
         title += f", h = {1e3 * cliff:.1f} mm"
     axes.set(title=title)

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_control.identification import Quality
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn, legend_below
+from atpid_sim.figure_style import LIGHT, WIDTH
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at
@@ -33,24 +33,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Draw the figure; return the exit status."""
     output.folder(args.out)
-    with working("running the loop"):
-        figure = draw([args.scenes / f"{name}.yaml" for name in SCENES])
     path = args.out / "selection_frequency.png"
-    figure.savefig(path, dpi=130, metadata=metadata_of(figure))
+    with working("running the loop"):
+        draw([args.scenes / f"{name}.yaml" for name in SCENES], path)
     print(path)
     return 0
 
 
-def draw(scenes: list[Path]) -> Figure:
-    """Return the figure: frequency, height and amplitude of the beam, one column a scene."""
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    panels: Any = figure.subplots(3, len(scenes), sharex="col", squeeze=False)
-    for column, path in enumerate(scenes):
-        _draw_run(panels[:, column], run_loop(load_scene(path), configured()), path.stem.replace("_", " "))
-    panels[0, 0].set_ylabel("frequency [Hz]")
-    panels[1, 0].set_ylabel("height of the ceiling [m]")
-    panels[2, 0].set_ylabel("amplitude of the beam [m]")
-    return figure
+def draw(scenes: list[Path], path: Path) -> None:
+    """Draw frequency, height and amplitude of the beam, one column a scene."""
+    with drawn(path, nrows=3, ncols=len(scenes), figsize=(WIDTH, 7.6), squeeze=False) as (_, panels):
+        for column, scene in enumerate(scenes):
+            _draw_run(panels[:, column], run_loop(load_scene(scene), configured()), scene.stem.replace("_", " "))
+        panels[0, 0].set_ylabel("frequency [Hz]")
+        panels[1, 0].set_ylabel("height of the ceiling [m]")
+        panels[2, 0].set_ylabel("amplitude of the beam [m]")
 
 
 def _draw_run(panels: Any, run: LoopRun, title: str) -> None:
@@ -58,19 +55,18 @@ def _draw_run(panels: Any, run: LoopRun, title: str) -> None:
     true = np.array([frequency_at(scene, t) for t in run.time])
     steady = np.array([one.quality == Quality.STEADY for one in run.estimates])
     identified = np.where(steady, [one.frequency for one in run.estimates], np.nan)
-    panels[0].plot(time, true, "k", linewidth=1.0, label="excitation")
+    panels[0].plot(time, true, LIGHT.given, linewidth=3.0, label="excitation")
     panels[0].plot(time, identified, "C0.", markersize=2.0, label="identified, steady")
-    panels[0].axhline(scene.natural_frequency_hz, color="0.6", linestyle=":", label="natural frequency")
+    panels[0].axhline(scene.natural_frequency_hz, color=LIGHT.muted, linestyle=":", label="natural frequency")
     panels[0].set_title(title)
-    panels[1].plot(time, run.heights, "C3", linewidth=1.2, label="ceiling")
-    panels[2].plot(time, _closed(run, true), "0.5", linewidth=1.0, label="closed damper, steady")
+    panels[1].plot(time, run.heights, LIGHT.own, linewidth=1.2)
+    panels[2].plot(time, _closed(run, true), LIGHT.given, linewidth=1.5, label="closed damper, steady")
     panels[2].plot(time, [one.beam_amplitude for one in run.estimates], "C0", linewidth=1.0, label="beam")
     rumbling = np.where(run.rumbling, [one.beam_amplitude for one in run.estimates], np.nan)
     panels[2].plot(time, rumbling, "C1", linewidth=2.0, label="rumble")
     panels[2].set_xlabel("time [s]")
     for axes in panels:
-        axes.legend(fontsize=7)
-        axes.grid(alpha=0.3)
+        legend_below(axes)
 
 
 def _closed(run: LoopRun, frequencies: Array) -> Array:

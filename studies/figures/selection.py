@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from atpid_common import output
 from atpid_common.arguments import file_path
@@ -18,7 +17,8 @@ from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.protocol import Excitation
 from atpid_control.selection.uncertain import MarginBox
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import LIGHT, WIDTH
 from atpid_sim.maps import DamperResponse, HeightMap, Timing
 from atpid_sim.scene import standard_bench
 from atpid_sim.simulation.batch import on_all_cores
@@ -57,91 +57,83 @@ def run(args: argparse.Namespace) -> int:
 
 def draw_landscape(out: Path) -> Path:
     """Draw the beam's amplitude over the height, with the cliff."""
-    figure, panels = _panels(len(_STAGES), "height of the ceiling [m]")
-    for axes, amplitude in zip(panels, _STAGES, strict=True):
-        heights, remaining, best, guess = landscape(amplitude)
-        axes.fill_between(heights, remaining.min(1), remaining.max(1), color="C3", alpha=0.3)
-        axes.plot(heights, remaining[:, 0], "C0", linewidth=1.2, label="opened in 1 s")
-        axes.plot(heights, remaining[:, 1], "C3", linewidth=0.8, label="opened at once")
-        axes.axvline(best, color="k", linewidth=1.0, label=f"best: {best:.3f} m")
-        axes.axvline(guess, color="C1", linestyle="--", label=f"PCA's first guess: {guess:.3f} m")
-        axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.8))
-        axes.legend(fontsize=7)
-    panels[0].set_ylabel("beam amplitude / closed damper's [-]")
-    return _save(figure, out / "selection_cliff.png")
+    path = out / "selection_cliff.png"
+    with drawn(path, ncols=len(_STAGES), sharey=True, figsize=(WIDTH, 3.8)) as (figure, panels):
+        for axes, amplitude in zip(panels, _STAGES, strict=True):
+            heights, remaining, best, guess = landscape(amplitude)
+            axes.fill_between(heights, remaining.min(1), remaining.max(1), color="C3", alpha=0.3)
+            axes.plot(heights, remaining[:, 0], "C0", linewidth=1.2, label="opened in 1 s")
+            axes.plot(heights, remaining[:, 1], "C3", linewidth=0.8, label="opened at once")
+            axes.axvline(best, color=LIGHT.ink, linewidth=1.0, label="best")
+            axes.axvline(guess, color="C1", linestyle="--", label="PCA's first guess")
+            axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.8))
+            axes.set_xlabel(f"height of the ceiling [m]\nbest {best:.3f}, first guess {guess:.3f}")
+        panels[0].set_ylabel("beam amplitude / closed damper's [-]")
+        _legend(figure, panels[0])
+    return path
 
 
 def draw_margin(out: Path) -> Path:
     """Draw the amplitudes at the bare optimum and the safe height over the error of the stiffness."""
-    figure, panels = _panels(len(_STAGES), "error of the stiffness [%]")
-    for axes, amplitude in zip(panels, _STAGES, strict=True):
-        shown = margin_curve(amplitude)
-        bare, safe = f"bare optimum, {shown.bare_height:.3f} m", f"with margin, {shown.safe_height:.3f} m"
-        axes.plot(1e2 * shown.errors, shown.bare, "C3o-", markersize=3, label=bare)
-        axes.plot(1e2 * shown.errors, shown.safe, "C0o-", markersize=3, label=safe)
-        title = f"support {1e3 * amplitude:g} mm, price {1e2 * shown.price:.1f} % of efficiency"
-        axes.set(title=title, ylim=(0.0, 0.5))
-        axes.legend(fontsize=7)
-    panels[0].set_ylabel("beam amplitude / closed damper's [-]")
-    return _save(figure, out / "selection_margin.png")
+    path = out / "selection_margin.png"
+    with drawn(path, ncols=len(_STAGES), sharey=True, figsize=(WIDTH, 3.8)) as (figure, panels):
+        for axes, amplitude in zip(panels, _STAGES, strict=True):
+            shown = margin_curve(amplitude)
+            axes.plot(1e2 * shown.errors, shown.bare, "C3o-", markersize=3, label="bare optimum")
+            axes.plot(1e2 * shown.errors, shown.safe, "C0o-", markersize=3, label="with margin")
+            axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.4))
+            heights = f"{shown.bare_height:.3f} m, with margin {shown.safe_height:.3f} m"
+            price = f"price {1e2 * shown.price:.1f} % of efficiency"
+            axes.set_xlabel(f"error of the stiffness [%]\nbare {heights}\n{price}")
+        panels[0].set_ylabel("beam amplitude / closed damper's [-]")
+        _legend(figure, panels[0])
+    return path
 
 
 def draw_pca_errors(out: Path) -> Path:
     """Draw Figs 4.37 to 4.43 again, with the tuned PCA and the direct selection beside."""
-    figure, panels = _panels(2, "support amplitude [m]", rows=2)
+    path = out / "selection_pca_error.png"
     amplitudes = np.geomspace(0.002, _DEEPEST, 36)
-    for column, gravity in enumerate((True, False)):
-        errors = pca_errors(amplitudes, gravity=gravity)
-        series = (
-            ("PCA before tuning (the thesis's measure)", "C1", errors.before, errors.lost_before),
-            ("PCA tuned", "C2", errors.after, errors.lost_after),
-            ("direct", "C0", errors.direct, errors.lost_direct),
-        )
-        upper, lower = panels[column], panels[2 + column]
-        for name, colour, height, lost in series:
-            upper.semilogx(amplitudes, 1e2 * np.abs(height), f"{colour}o-", markersize=3, linewidth=1.0, label=name)
-            lower.semilogx(amplitudes, 1e2 * lost, f"{colour}o-", markersize=3, linewidth=1.0, label=name)
-        upper.set(title="with gravity" if gravity else "without gravity", ylim=(-2.0, 80.0))
-        lower.set(ylim=(-5.0, 150.0))
-    # what the thesis reports: 50 to 10 % up to 0.1 m with gravity, about 4 % throughout without
-    shade: dict[str, Any] = {"color": "k", "alpha": 0.12}
-    panels[0].fill_between([0.005, 0.1], [40.0, 8.0], [55.0, 12.0], label="thesis, Fig. 4.37", **shade)
-    panels[1].fill_between([0.005, 0.1], [3.0, 3.0], [5.0, 5.0], label="thesis, Fig. 4.43", **shade)
-    panels[0].set_ylabel("height off the best by [%]")
-    panels[2].set_ylabel("beam swings more than at the best by [%]")
-    for axes in panels[:2]:
-        axes.legend(fontsize=7)
-    return _save(figure, out / "selection_pca_error.png")
+    with drawn(path, nrows=2, ncols=2, sharex=True, sharey="row", figsize=(WIDTH, 6.4)) as (figure, panels):
+        for column, gravity in enumerate((True, False)):
+            errors = pca_errors(amplitudes, gravity=gravity)
+            series = (
+                ("PCA before tuning (the thesis's measure)", "C1", errors.before, errors.lost_before),
+                ("PCA tuned", "C2", errors.after, errors.lost_after),
+                ("direct", "C0", errors.direct, errors.lost_direct),
+            )
+            upper, lower = panels[:, column]
+            for name, colour, height, lost in series:
+                upper.semilogx(amplitudes, 1e2 * np.abs(height), f"{colour}o-", markersize=3, linewidth=1.0, label=name)
+                lower.semilogx(amplitudes, 1e2 * lost, f"{colour}o-", markersize=3, linewidth=1.0)
+            upper.set(title="with gravity" if gravity else "without gravity", ylim=(-2.0, 80.0))
+            lower.set(ylim=(-5.0, 150.0), xlabel="support amplitude [m]")
+        # what the thesis reports: 50 to 10 % up to 0.1 m with gravity, about 4 % throughout without
+        shade: dict[str, Any] = {"color": LIGHT.ink, "alpha": 0.12, "label": "thesis, Figs 4.37 and 4.43"}
+        panels[0, 0].fill_between([0.005, 0.1], [40.0, 8.0], [55.0, 12.0], **shade)
+        panels[0, 1].fill_between([0.005, 0.1], [3.0, 3.0], [5.0, 5.0], **shade)
+        panels[0, 0].set_ylabel("height off the best by [%]")
+        panels[1, 0].set_ylabel("beam swings more than at the best by [%]")
+        _legend(figure, panels[0, 0])
+    return path
 
 
 def draw_map(out: Path, shown: HeightMap) -> Path:
     """Draw the best heights and their efficiencies, as Figs 4.39 and 4.46."""
-    figure, (left, right) = _panels(2, "support amplitude [mm]")
-    for row, fraction in enumerate(shown.mass_fractions):
-        label = f"grain {1e2 * fraction:g} %"
-        left.plot(1e3 * shown.amplitudes, shown.heights[row], f"C{row}.-", markersize=3, label=label)
-        right.plot(1e3 * shown.amplitudes, 1e2 * shown.efficiencies[row], f"C{row}.-", markersize=3, label=label)
-    left.set(ylabel="best height [m]")
-    right.set(ylabel="efficiency [%]", ylim=(0.0, 100.0))
-    left.legend(fontsize=8)
-    return _save(figure, out / "selection_map.png")
-
-
-def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
-    figure = Figure(figsize=(4.6 * columns, 3.8 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex="col")
-    for axes in grid.flat:
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    for axes in grid[-1]:
-        axes.set_xlabel(xlabel)
-    return figure, list(grid.flat)
-
-
-def _save(figure: Any, path: Path) -> Path:
-    with output.writing(path):
-        figure.savefig(path, dpi=130, metadata=metadata_of(figure))
+    path = out / "selection_map.png"
+    with drawn(path, ncols=2, figsize=(WIDTH, 3.8)) as (figure, (left, right)):
+        for row, fraction in enumerate(shown.mass_fractions):
+            label = f"grain {1e2 * fraction:g} %"
+            left.plot(1e3 * shown.amplitudes, shown.heights[row], f"C{row}.-", markersize=3, label=label)
+            right.plot(1e3 * shown.amplitudes, 1e2 * shown.efficiencies[row], f"C{row}.-", markersize=3)
+        left.set(xlabel="support amplitude [mm]", ylabel="best height [m]")
+        right.set(xlabel="support amplitude [mm]", ylabel="efficiency [%]", ylim=(0.0, 100.0))
+        _legend(figure, left)
     return path
+
+
+def _legend(figure: Any, axes: Any) -> None:
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
 def landscape(amplitude: float) -> tuple[Array, Array, float, float]:

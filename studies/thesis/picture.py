@@ -7,20 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_numbers import drawn, legend_below
+from atpid_sim.figure_style import WIDTH
 from studies.thesis.measured import Measured
 from studies.thesis.points import Job, matches
 from studies.thesis.study import Expected, Panel, Study
 
-_COLUMNS = 3
-
 
 def draw(study: Study, jobs: Sequence[Job], measured: Sequence[Measured], path: Path) -> None:
     """Draw a study's panels into a PNG that carries its numbers. Raises OutputError."""
-    columns = 2 if len(study.panels) == 4 else min(_COLUMNS, len(study.panels))
+    columns = min(2, len(study.panels))
     rows = math.ceil(len(study.panels) / columns)
-    size = (4.4 * columns, 3.2 * rows)
-    with drawn(path, dpi=80, nrows=rows, ncols=columns, figsize=size, squeeze=False) as (_, grid):
+    size = (WIDTH / 2 * columns, 3.4 * rows)
+    with drawn(path, dpi=100, nrows=rows, ncols=columns, figsize=size, squeeze=False) as (_, grid):
         for axes, panel in zip(grid.flat, study.panels, strict=False):
             shown = [(job, found) for job, found in zip(jobs, measured, strict=True) if matches(job.point, panel.at)]
             if panel.curve is not None:
@@ -70,9 +69,8 @@ def _printed(expected: Expected, jobs: list[Job]) -> list[tuple[Job, float]]:
 
 def _finish(axes: Any, panel: Panel) -> None:
     axes.set(title=panel.title, xlabel=panel.xlabel, ylabel=panel.ylabel)
-    axes.title.set_fontsize(9)
     axes.locator_params(axis="x", nbins=7)
     if panel.logarithmic:
         axes.set_yscale("log")
     if 0 < len(axes.get_legend_handles_labels()[0]) <= 9:
-        axes.legend(fontsize=7)
+        legend_below(axes)

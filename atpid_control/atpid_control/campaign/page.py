@@ -27,15 +27,16 @@ from atpid_sim.simulation.simulate import finite
 
 #: Standard deviations within which measurement and simulation agree.
 AGREE = 2.0
-_COLOURS = ("own", "accent", "ink", "muted", "given_text")
+_COLOURS = ("own", "accent", "green", "red", "violet", "ink", "muted")
 #: Charts: the column of a record that varies along the axis, its unit and scale, and the words for the chart.
 _AXES = (
     ("height", "height of the ceiling, mm", 1e3, "Efficiency over the height"),
     ("wanted_grain_mass", "mass of the grain, g", 1e3, "Efficiency over the grain's mass"),
-    ("wanted_amplitude", "amplitude of the excitation, mm or mN", 1e3, "Efficiency over the amplitude"),
+    ("wanted_amplitude", "amplitude of the excitation, {}", 1.0, "Efficiency over the amplitude"),
     ("wanted_ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
 )
-_HEADS = ("point", "excitation", "frequency", "height", "beam", "simulated", "apart", "efficiency", "motion", "attempt")
+_HEADS = ("frequency [Hz]", "height [mm]", "beam [mm]", "simulated [mm]", "apart", "efficiency [%]", "motion",
+          "attempt")  # fmt: skip
 _CLICK = (
     'document.querySelectorAll(".chart").forEach((chart) => chart.on("plotly_click", (event) => {'
     " const page = event.points[0].customdata; if (page) location.href = page; }));"
@@ -96,12 +97,12 @@ def write_page(campaign: Campaign, scene: Scene, folder: CampaignFolder, progres
     page = folder.path / "index.html"
     with writing(page):
         (folder.path / "comparison.json").write_text(json.dumps(finite(rows), indent=1) + "\n", encoding="utf-8")
-        page.write_text(_html(campaign, folder, rows), encoding="utf-8")
+        page.write_text(_html(campaign, folder, rows, scene.driven_by.unit), encoding="utf-8")
     return page
 
 
-def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record]) -> str:
-    figures = dict(_figures(rows))
+def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], unit: str) -> str:
+    figures = dict(_figures(rows, unit))
     skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
                if one["status"] == SKIPPED]  # fmt: skip
     code = json.dumps(finite(figures), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
@@ -121,7 +122,7 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record]) ->
         "</header>", facts(about), warnings(skipped), *charts,
         '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
         "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
-        table("Every point", _HEADS, map(_row, rows)),
+        table("Every point", ("point", f"excitation [{unit}]", *_HEADS), (_row(row, unit) for row in rows)),
         f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',
         f"<script>{script}{_CLICK}</script>",
     ])  # fmt: skip
@@ -131,23 +132,23 @@ def _address(row: Record) -> str:
     return f"points/{row['number']:04d}/report/{PAGE}"
 
 
-def _row(row: Record) -> list[str | Link]:
+def _row(row: Record, unit: str) -> list[str | Link]:
     return [
-        Link(row["point"], _address(row)), f"{row['excitation_amplitude']:.5g}",
-        f"{row['excitation_frequency']:.4f} Hz", f"{1e3 * row['height']:.4g} mm",
-        _with_error(row, "beam_amplitude", 1e3, "mm"), _with_error(row, "simulated_amplitude", 1e3, "mm"),
-        f"{row['apart']:+.1f}".replace("-", "−"), _with_error(row, "efficiency", 100.0, "%"),
+        Link(row["point"].replace(" at", f" {unit} at", 1), _address(row)), f"{row['excitation_amplitude']:.5g}",
+        f"{row['excitation_frequency']:.4f}", f"{1e3 * row['height']:.4g}",
+        _with_error(row, "beam_amplitude", 1e3), _with_error(row, "simulated_amplitude", 1e3),
+        f"{row['apart']:+.1f}".replace("-", "−"), _with_error(row, "efficiency", 100.0),
         "regular" if row["regular"] else "irregular", str(row["attempt"]),
     ]  # fmt: skip
 
 
-def _with_error(row: Record, name: str, scale: float, unit: str) -> str:
+def _with_error(row: Record, name: str, scale: float) -> str:
     value, error = scale * row[name], scale * row[f"{name}_std"]
     digits = max(0, 1 - math.floor(math.log10(error))) if 0.0 < error < math.inf else 2
-    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".replace("-", "−")
+    return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
 
 
-def _figures(rows: Sequence[Record]) -> Iterator[tuple[str, Figure]]:
+def _figures(rows: Sequence[Record], drive_unit: str) -> Iterator[tuple[str, Figure]]:
     """Yield the charts whose quantity was varied: over the frequency the beam itself, else the efficiency."""
     for key, axis, scale, title in _AXES:
         shown = [row for row in rows if key == "wanted_ratio" or (
@@ -157,7 +158,7 @@ def _figures(rows: Sequence[Record]) -> Iterator[tuple[str, Figure]]:
         if key != "wanted_ratio":
             unit, factor, columns = ("%", 100.0, ("efficiency", "simulated_efficiency"))
         curves: list[Marked] = []
-        alike = partial(_alike, key)
+        alike = partial(_alike, key, drive_unit)
         for name, group in groupby(sorted(shown, key=alike), key=alike):
             line = sorted(group, key=lambda row: row[key])
             x, pages = [scale * row[key] for row in line], [_address(row) for row in line]
@@ -167,14 +168,14 @@ def _figures(rows: Sequence[Record]) -> Iterator[tuple[str, Figure]]:
                 text = f"{name}, simulated" if column == columns[1] else name
                 curves.append(Marked(text, x, y, bars, colour, column == columns[0], pages))
         if curves:
-            yield key, points(title, unit, axis, curves)
+            yield key, points(title, unit, axis.format(drive_unit), curves)
 
 
-def _alike(key: str, row: Record) -> str:
+def _alike(key: str, unit: str, row: Record) -> str:
     """Return what points of one curve over `key` have in common, in words."""
     ceiling = row["wanted_ceiling"]
     named = {
-        "wanted_amplitude": f"{row['wanted_amplitude']:g}", "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
+        "wanted_amplitude": f"{row['wanted_amplitude']:g} {unit}", "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
         "height": f"{ceiling:g} m" if isinstance(ceiling, float) else ceiling,
         "wanted_grain_mass": f"{1e3 * row['wanted_grain_mass']:.4g} g",
     }  # fmt: skip

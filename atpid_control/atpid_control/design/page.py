@@ -18,7 +18,7 @@ from atpid_control.views.static_page import Cell, document, drawn, facts, table,
 
 _CSS = """
 h1 { max-width: 32em; } .tiles { grid-template-columns: repeat(auto-fit, minmax(280px, 1fr)); }
-ol.events li { grid-template-columns: 10px 1fr; } th, td { padding-left: 12px; }
+ol.events li { grid-template-columns: 10px 1fr; }
 """
 
 

@@ -96,7 +96,7 @@ def drawn(panels: Panels) -> str:
 def _drawing(draw: Callable[[Any], None]) -> str:
     """Return a panel as SVG whose text is text and whose colours are those of the page's scheme."""
     with matplotlib.rc_context(style(LIGHT) | {"svg.fonttype": "none", "legend.fontsize": SIZE}):
-        figure = Figure(figsize=(4.6, 3.4), layout="constrained")
+        figure = Figure(figsize=(4.3, 3.3), layout="constrained")
         axes = figure.subplots()
         draw(axes)
         legend_below(axes)

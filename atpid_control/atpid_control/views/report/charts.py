@@ -106,7 +106,8 @@ class Marked:
 
 def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure:
     """Return curves over a quantity in one panel, with a legend below it."""
-    figure: Figure = {"data": [], "layout": _layout(400 + 8 * len(curves))}
+    legend = 4 * sum(curve.marked for curve in curves)  # [px], about five names in a row
+    figure: Figure = {"data": [], "layout": _layout(380 + legend)}
     for curve in curves:
         own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": "circle-open"}}
         line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4}}
@@ -123,7 +124,7 @@ def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure
         "legend": {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
         "hovermode": "closest",
     }
-    figure["layout"]["margin"] |= {"r": 20, "b": 60 + 8 * len(curves)}
+    figure["layout"]["margin"] |= {"r": 20, "b": 80 + legend}
     limits = [min(every) - aside, max(every) + aside]
     figure["layout"]["xaxis"] = {**_axis(), "title": {"text": axis}, "range": limits}
     figure["layout"]["yaxis"] = {**_axis(), "rangemode": "tozero"}

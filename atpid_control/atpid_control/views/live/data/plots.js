@@ -43,7 +43,7 @@ export class Plots {
     this.ceiling = new Plot(find("plot-ceiling"), [steps(ONE), steps(TWO, "dash")], "s");
     const worse = { type: "rect", xref: "paper", x0: 0, x1: 1, y0: LEAST, y1: 0, fillcolor: `${colour("--bad")}20`, line: { width: 0 }, layer: "below" };
     this.efficiency = new Plot(find("plot-efficiency"), two, "s", { zeroline: true, zerolinecolor: INK }, [worse]);
-    this.spectrum = new Plot(find("plot-spectrum"), fast, "Hz", { type: "log", dtick: 1, exponentformat: "none" });
+    this.spectrum = new Plot(find("plot-spectrum"), fast, "Hz", { type: "log", dtick: 1, tickformat: "~g" });
     this.drive = 1e3; // what is shown of support [m] or force [N] is so many times that
     this.restart();
   }

@@ -10,7 +10,7 @@
   };
   const narrow = matchMedia("(max-width: 640px)");
   // no space beside the chart: units stand after the titles, the lines' labels below them
-  const compact = (layout) => {
+  const compact = (layout, names) => {
     const { range } = layout.xaxis;
     const side = (x) => {
       const share = (x - range[0]) / (range[1] - range[0]);
@@ -27,13 +27,14 @@
       begun[note.yref] = x + 9 * (note.text.length - 7) + 12; // without <b> and </b>
       return [{ ...note, yref: "paper", x: 0, xanchor: "left", xshift: x - 40, y: top, yanchor: "bottom", yshift: 3 }];
     });
-    return { ...layout, margin: { ...layout.margin, l: 46, r: 10, t: 52 }, annotations };
+    const below = 14 * names; // one below the other
+    return { ...layout, height: layout.height + below, margin: { ...layout.margin, l: 46, r: 10, t: 52, b: layout.margin.b + below }, annotations };
   };
   const draw = () => {
     const css = style();
     for (const [name, figure] of Object.entries(figures)) {
       const filled = coloured(figure, css);
-      if (narrow.matches) filled.layout = compact(filled.layout);
+      if (narrow.matches) filled.layout = compact(filled.layout, filled.data.filter((line) => line.showlegend).length);
       Plotly.react(name, filled.data, filled.layout, { responsive: true, displayModeBar: false });
     }
   };
