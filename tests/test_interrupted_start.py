@@ -103,7 +103,7 @@ def test_a_node_that_runs_ends_with_status_0_however_often_it_is_asked(name: str
     assert [word for word in ("Traceback", "Exception ignored", "error") if word in printed] == [], printed
 
 
-@pytest.mark.parametrize("name", NODES[::4])  # all begin with the same lines
+@pytest.mark.parametrize("name", [*NODES][::4])  # all begin with the same lines
 def test_a_parameter_file_that_is_missing_is_one_line_and_status_2(name: str, tmp_path: Path) -> None:
     package, executable = name.split("/")
     command = [f"{get_package_prefix(package)}/lib/{package}/{executable}", "--ros-args", "--params-file", "none.yaml"]
