@@ -25,6 +25,14 @@ PLOTS = ("motion", "plot-efficiency", "plot-spectrum")
 #: Widths of a window [pixels], one for each number of columns of the page and some more.
 WIDTHS = (390, 800, 1280, 1440, 1920)
 TIMEOUT = 120.0  # [s]
+#: Whether the button that stops the motor stays where it is while a long line appears beside it.
+STAYS = """() => { const lost = document.getElementById("lost"), text = lost.textContent, hidden = lost.hidden;
+    const place = () => { const at = document.getElementById("stop").getBoundingClientRect(); return [at.x, at.y]; };
+    const before = place();
+    lost.hidden = false; lost.textContent = "silent ".repeat(60);
+    const after = place();
+    lost.hidden = hidden; lost.textContent = text;
+    return before[0] === after[0] && before[1] === after[1]; }"""
 
 
 def until(page: Any, expression: str) -> None:
@@ -76,8 +84,10 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         dark.goto(url)
         until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")
         dark.screenshot(path=folder / "dark.png", full_page=True)
+        seen["stop_stays"] = []
         for size in (PHONE, DESKTOP):
             dark.set_viewport_size(size)
+            seen["stop_stays"].append(dark.evaluate(STAYS))
             findings += [f"dark: {one}" for one in wrong(dark)]
         seen["running"] = look(dark)
         dark.click("#stop")

@@ -189,6 +189,7 @@ def test_a_browser_draws_it_without_an_accessibility_finding(bench: Bench, tmp_p
     assert seen["findings"] == []  # at the width of a phone and of a desktop, light and dark
     assert seen["phone_width"] <= 390
     assert seen["first_focus"] == "stop"
+    assert seen["stop_stays"] == [True, True]
     assert seen["note"] == "noted: seen in a browser"
     assert float(seen["texts"]["excitation"].split()[0]) == pytest.approx(15.0, abs=0.1)
     assert seen["texts"]["grain"] == "Grain and ceiling as simulated."

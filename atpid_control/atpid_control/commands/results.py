@@ -68,7 +68,7 @@ def claim(args: argparse.Namespace, *names: str) -> list[Path]:
     The page of a picture is claimed with it. A folder with an earlier result and nothing else needs no `--force`.
     """
     every = [*names, *(_page_of(Path(name)).name for name in names if name.endswith(".png"))]
-    replace = args.force or {item.name for item in output.folder(args.out).iterdir()} <= set(every)
+    replace = args.force or {item.name for item in output.folder(args.out).iterdir()} == set(every)
     return [output.file(args.out / name, replace=replace) for name in every][: len(names)]
 
 

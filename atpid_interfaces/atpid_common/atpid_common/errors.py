@@ -29,7 +29,9 @@ def did_you_mean(given: str, allowed: Iterable[str], places: Mapping[str, str] =
     """
     import difflib  # only where a word was wrong: commands start without it
 
-    near = difflib.get_close_matches(given, [*allowed, *places], n=1, cutoff=_LEAST)
+    # a single character is like any short word that has it
+    words = [*allowed, *places] if len(given) > 1 else []
+    near = difflib.get_close_matches(given, words, n=1, cutoff=_LEAST)
     return f"; did you mean {places.get(near[0], near[0])}?" if near else ""
 
 

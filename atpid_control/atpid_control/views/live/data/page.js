@@ -10,7 +10,7 @@ const PICTURE = 30; // least time between two pictures: 30 a second where the sc
 const SPAN = 5; // of the motion, at most [s]
 const DROPPED = 1013; // another page took this one's place: coming back would end that one
 const TRACES = 250, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
-const RECONNECT = 1000, SILENT = 1500, SURE = 4000; // [ms]
+const RECONNECT = 1000, SILENT = 1500, SURE = 4000, CLICK = 1000; // [ms]
 const HELD = "held by the operator";
 const find = (id) => document.getElementById(id);
 const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
@@ -243,7 +243,10 @@ function offer(methods) {
   find("method").replaceChildren(...methods.map((name) => new Option(name, name, false, name === chosen)));
 }
 
-find("stop").onclick = () => { live.pressed = Date.now(); ask({ do: "stop" }); };
+// A stop begins with the press, not with its end; the click that follows it is not a second one, a key's is the first.
+const stop = () => { live.pressed = Date.now(); ask({ do: "stop" }); };
+find("stop").onpointerdown = stop;
+find("stop").onclick = () => { if (!(Date.now() - live.pressed < CLICK)) stop(); };
 find("disarm").onclick = () => ask({ do: "disarm" });
 find("hold").onclick = () => ask({ do: "hold", on: live.state?.command.reason !== HELD });
 find("choose").onsubmit = (event) => { event.preventDefault(); ask({ do: "method", name: find("method").value }); };
