@@ -65,7 +65,7 @@ def writing_of(values: Mapping[str, Any], topics: list[Topic], scene: Path | Non
 
 
 #: Parameters that rclpy declares for every node.
-_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 Keep = Callable[[str, Mapping[str, Any]], None]
 
@@ -87,7 +87,7 @@ class ParameterReader:
                 client.call_async(ListParameters.Request()).add_done_callback(partial(self._request_values, name))
 
     def _request_values(self, name: str, answer: Future) -> None:
-        listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
+        listed = [key for key in answer.result().result.names if not key.startswith(OF_RCLPY)]
         client = self._client(GetParameters, name, "get_parameters")
         request = GetParameters.Request(names=listed)
         client.call_async(request).add_done_callback(partial(self._take_values, name, listed, client))

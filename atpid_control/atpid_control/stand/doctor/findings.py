@@ -115,6 +115,7 @@ def _problem(node: str, name: str, value: Any) -> str:
     """Return what the node would refuse, in words: a name it does not have, a value outside its range; else ""."""
     from atpid_common.nodes.node_main import PARAMETERS
     from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
+    from atpid_control.nodes.recorder_parameters import OF_RCLPY
     from atpid_driver.nodes import excitation_node, motor_interface
 
     own = {"identifier_node": IDENTIFIER, "selector_node": SELECTOR, "supervisor_node": SUPERVISOR,
@@ -122,7 +123,7 @@ def _problem(node: str, name: str, value: Any) -> str:
     rows = {row.name: row for row in (*own.get(node, ()), *PARAMETERS)}
     if name in rows:
         return rows[name].problem(value)
-    known = node not in own or name == "use_sim_time" or name.startswith("qos_overrides.")
+    known = node not in own or name in OF_RCLPY or name.startswith(OF_RCLPY[-1])
     return "" if known else f"the node has none of this name{did_you_mean(name, rows)}"
 
 
