@@ -7,6 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from atpid_control.views.static_page import document, drawn, facts, table, warnings
 from atpid_sim.figure_numbers import numbers_in, save_panels
 from atpid_sim.figure_style import LIGHT
@@ -49,3 +51,14 @@ def test_a_page_holds_its_panels_in_both_schemes() -> None:
 def test_a_picture_has_every_panel_and_its_numbers(tmp_path: Path) -> None:
     save_panels([[_panel], [_panel, _panel]], tmp_path / "a.png")
     assert list(numbers_in(tmp_path / "a.png")) == [f"{place} <Height>" for place in range(3)]
+
+
+@pytest.mark.parametrize("words", [("runs", "2026"), ("/deep",)])
+def test_a_long_name_of_a_curve_leaves_room_for_the_curve(words: tuple[str, ...]) -> None:
+    def two(axes: Any) -> None:
+        for end in ("/first bag", "/second bag"):
+            axes.plot([0.0, 1.0], [0.0, 2.0], label=" ".join(words) * 100 + end)
+
+    shown = drawn([[two]])  # a warning of matplotlib, where no room is left, is an error
+    assert "first" in shown
+    assert "second" in shown

@@ -25,6 +25,8 @@ Numbers = dict[str, list[list[float]]]
 Panels = Sequence[Sequence[Callable[[Any], None]]]
 #: Characters of a name from which on a legend has one column, and of a line of a title in half a picture's width.
 _LONG = 38
+#: Characters of a name that a legend shows at most.
+_LONGEST = 3 * _LONG
 
 
 @contextmanager
@@ -62,10 +64,12 @@ def save_panels(panels: Panels, path: Path, height: float = 3.4, dpi: int = 150)
 
 def legend_below(axes: Any) -> None:
     """Draw the legend of what has a label below the axes and their label, where it hides no curve."""
-    names = axes.get_legend_handles_labels()[1]
+    handles, names = axes.get_legend_handles_labels()
     if names:
         columns = 2 if max(map(len, names)) < _LONG else 1
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=3.8, ncols=columns)
+        # a path may be as long as it likes: its end tells it from another
+        shown = [fill(name if len(name) <= _LONGEST else f"…{name[1 - _LONGEST :]}", _LONG) for name in names]
+        axes.legend(handles, shown, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=3.8, ncols=columns)
 
 
 def logarithmic(axes: Any) -> None:
