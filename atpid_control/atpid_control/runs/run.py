@@ -6,36 +6,38 @@
 table of numbers (.csv). Everything that analyses, draws or compares a recording begins here.
 """
 
+from __future__ import annotations
+
 import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from atpid_common.files import parse_yaml
 from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
 from atpid_control.runs.commanded import as_put_out
 from atpid_control.runs.contents import kind_of
-from atpid_control.runs.csv_table import read_table
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import SCENE
 from atpid_control.runs.read import within_memory
 from atpid_control.runs.signal import RecordedMotion, Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
-from atpid_control.runs.tree import frames_of, tree_of
 from atpid_sim.results import Shown
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.energy import Ledger, relative_residual
 from atpid_sim.system import Array
+
+if TYPE_CHECKING:  # they load slowly, and only tables of a run need them
+    import pandas as pd
+    import xarray as xr
 
 #: Channels of the laser; where a force drives the structure its load cell's is in place of the support's.
 SUPPORT, BEAM = DRIVES["support"].channel, "beam_displacement"
@@ -319,6 +321,8 @@ class Run(Shown):
 
     def tree(self) -> xr.DataTree:
         """Return the run as a tree of Datasets by topic: `tree["sensors/laser"]["support_displacement"]`."""
+        from atpid_control.runs.tree import tree_of
+
         tree = tree_of(self.tables)
         files = {name: data.decode(errors="replace") for name, data in self.files.items() if name.endswith(".yaml")}
         tree.attrs.update({**self.about, **self.result, "bag": str(self.path), "start_ns": self.start_ns,
@@ -329,6 +333,8 @@ class Run(Shown):
 
     def frames(self) -> dict[str, pd.DataFrame]:
         """Return the run as pandas tables by topic, `time` [s] as index; units and the rest are in `frame.attrs`."""
+        from atpid_control.runs.tree import frames_of
+
         return frames_of(self.tree())
 
 
@@ -340,6 +346,8 @@ def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
+        from atpid_control.runs.csv_table import read_table  # here, since it loads pandas
+
         table, arrays, missing = read_table(path)
         return Run(path, 0, {}, {}, {}, {table.name: (table, arrays)}, [], missing, None, "no scene was recorded")
     source = Source(path, topics)

@@ -9,9 +9,6 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_smoothing_spline
-from scipy.ndimage import map_coordinates, uniform_filter1d
-from scipy.signal import firwin, resample_poly
 
 from atpid_sim.results import Shown
 from atpid_sim.system import Array
@@ -69,6 +66,8 @@ def clock_of(index: NDArray[np.int64], stamp: NDArray[np.int64], rate: float) ->
     late = (stamp - stamp[0]) * 1e-9 - elapsed
     if np.ptp(late) <= _EXACT:
         return StreamClock(rate)
+    from scipy.interpolate import make_smoothing_spline  # here, since stamps of one clock do not need it
+
     seconds = np.flatnonzero(np.diff(np.floor(elapsed), prepend=-1.0))
     at, middle = (np.add.reduceat(one, seconds) / np.diff(np.append(seconds, len(late))) for one in (elapsed, late))
     if len(at) < _FEWEST:
@@ -153,6 +152,9 @@ def interpolated(values: Array, places: Array, ratio: float) -> Array:
 
     ratio: its rate over that of the places. What lies below 0.43 of the lower rate stays, what lies above 0.53 goes.
     """
+    from scipy.ndimage import map_coordinates, uniform_filter1d  # here, since channels of one device do not need it
+    from scipy.signal import firwin, resample_poly
+
     step = Fraction(_FINE / ratio).limit_denominator(64)
     up, down = step.numerator, step.denominator
     slower = max(1.0, ratio)

@@ -18,6 +18,8 @@ SCHEMES = {"light": LIGHT, "dark": DARK}
 
 
 _DPI = 160
+#: The compression that takes half the time of the default one, for a fifth more bytes.
+_PNG = {"compress_level": 3}
 #: A curve longer than this is drawn with so many of its points.
 _LONG, _POINTS = 200_000, 20_000
 
@@ -30,7 +32,7 @@ def save_pictures(view: View, folder: Path) -> list[Path]:
             if chart is not None:
                 figure = draw(chart, palette)
                 path = folder / (f"{name}.png" if scheme == "light" else f"{name}-{scheme}.png")
-                figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure))
+                figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure), pil_kwargs=_PNG)
                 written.append(path)
     return written
 
