@@ -23,7 +23,7 @@ from atpid_control.runs.run import open_run
 from atpid_control.runs.writer import BagWriter
 from atpid_control.stand.outdir import MARKER
 from atpid_control.views.report import Stage, report, stages
-from atpid_control.views.report.charts import thinned
+from atpid_control.views.report.charts import Marked, points, thinned
 from atpid_control.views.report.comparison import closed_by_simulation, corners
 from atpid_control.views.report.page import number
 from atpid_control.views.report.panels import anchor, extremes, grain, overview, rounded_up
@@ -474,3 +474,11 @@ def test_a_picture_of_hours_keeps_the_extremes_of_its_curves() -> None:
     assert (np.diff(chosen) > 0).all()
     assert {7, 2_000_003, 3_599_999} <= set(chosen.tolist())
     assert (extremes(value[:100], 100) == np.arange(100)).all()
+
+
+def test_curves_of_one_colour_have_marks_and_lines_of_their_own() -> None:
+    curves = [Marked(str(cycle), [0.0, 1.0], [1.0, 2.0], [0.1, 0.1], "own", marked, cycle=cycle)
+              for cycle in range(3) for marked in (True, False)]  # fmt: skip
+    drawn = points("Efficiency", "%", "height, mm", curves)["data"]
+    assert len({one["marker"]["symbol"] for one in drawn if "marker" in one}) == 3
+    assert len({one["line"]["dash"] for one in drawn if "line" in one}) == 3

@@ -117,8 +117,8 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
         if name in figures
     )
     return document("A stand over many points", [
-        "<header><h1>A stand over many points</h1><p>Circles: measured. Lines: simulation of the same points. Bars: "
-        "one standard deviation. A click on a circle, or a link in the table, leads to the point's report.</p>"
+        "<header><h1>A stand over many points</h1><p>Marks: measured. Lines: simulation of the same points. Bars: "
+        "one standard deviation. A click on a mark, or a link in the table, leads to the point's report.</p>"
         "</header>", facts(about), warnings(skipped), *charts,
         '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
         "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
@@ -162,11 +162,11 @@ def _figures(rows: Sequence[Record], drive_unit: str) -> Iterator[tuple[str, Fig
         for name, group in groupby(sorted(shown, key=alike), key=alike):
             line = sorted(group, key=lambda row: row[key])
             x, pages = [scale * row[key] for row in line], [_address(row) for row in line]
-            colour = _COLOURS[len(curves) // 2 % len(_COLOURS)]
+            cycle, place = divmod(len(curves) // 2, len(_COLOURS))
             for column in columns if len(set(x)) > 1 else ():
                 y, bars = ([factor * row[column + end] for row in line] for end in ("", "_std"))
                 text = f"{name}, simulated" if column == columns[1] else name
-                curves.append(Marked(text, x, y, bars, colour, column == columns[0], pages))
+                curves.append(Marked(text, x, y, bars, _COLOURS[place], column == columns[0], pages, cycle))
         if curves:
             yield key, points(title, unit, axis.format(drive_unit), curves)
 

@@ -145,4 +145,4 @@ def _draw(ax: Any, step: Step, run: Run) -> None:
         ax.plot(signals.time, moved, linewidth=0.7, label=f"{name.replace('_', ' ')} about its median [{unit}]")
     if step.move:
         ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
-    ax.set(title=step.title, xlabel="time [s]")
+    ax.set(title=step.title, xlabel="time [s]", xlim=(signals.time[0], signals.time[-1]))

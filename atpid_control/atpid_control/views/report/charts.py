@@ -17,6 +17,8 @@ Figure = dict[str, Any]
 #: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
 _POINTS = 6000
 _FONT = "Inter, system-ui, -apple-system, Segoe UI, Roboto, Helvetica, Arial, sans-serif"
+#: Marks and lines of curves that share a colour.
+_LOOKS = (("circle-open", "solid"), ("square-open", "dash"), ("diamond-open", "dot"))
 #: Between two panels, and above and below all of them [px].
 _GAP, _AROUND = 52, 78
 
@@ -102,6 +104,7 @@ class Marked:
     colour: str
     marked: bool
     pages: Sequence[str] = ()  # address of each point's own page
+    cycle: int = 0  # how many curves before it have its colour
 
 
 def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure:
@@ -109,8 +112,9 @@ def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure
     legend = 4 * sum(curve.marked for curve in curves)  # [px], about five names in a row
     figure: Figure = {"data": [], "layout": _layout(380 + legend)}
     for curve in curves:
-        own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": "circle-open"}}
-        line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4}}
+        symbol, dash = _LOOKS[curve.cycle % len(_LOOKS)]
+        own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": symbol}}
+        line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4, "dash": dash}}
         figure["data"].append({
             "type": "scatter", "name": curve.name, "x": list(curve.x), "y": list(curve.y),
             "customdata": list(curve.pages), "showlegend": curve.marked,
