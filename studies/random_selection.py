@@ -375,7 +375,7 @@ def table(done: Sequence[Outcome]) -> str:
         if prices:
             text = f"{100.0 * np.median(prices):.0f} %, {100.0 * max(prices):.0f} %"
             rows += [("price: more amplitude where all is as expected, median and worst", text)]
-    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+    return "\n".join(["| quantity | value |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
 
 
 def _excess(where: str, done: Sequence[Outcome]) -> list[tuple[str, str]]:

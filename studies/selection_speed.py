@@ -179,7 +179,7 @@ def table(measured: Measured, margin: Array, chosen: list[Selection], loops: int
             (f"amplitude above the fine scan's best{name}, worst", f"{excess.max():.2f} %"),
             (f"systems within 2 % of it{name}", f"{int((excess <= 2.0).sum())}"),
         ]
-    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+    return "\n".join(["| quantity | value |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
 
 
 def into(page: Path, text: str, begin: str = _BEGIN, end: str = _END) -> None:
