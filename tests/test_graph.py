@@ -2,16 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from graph_runs import decoded, in_lockstep, scene_file
+from graph_runs import decoded, in_lockstep, parameters, scene_file
 
 from atpid_control.runs.read import Bag
 from atpid_control.runs.run import open_run
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.running import run_lockstep
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
@@ -121,3 +126,21 @@ def test_a_second_sensor_is_recorded_at_its_own_rate(scenes: Path, tmp_path: Pat
     blocks = [message for _, message in bag.messages("/sensors/accelerometer")]
     assert [len(message.data) for message in blocks] == [80] * 20
     assert lost_scans(open_run(bag.path)) == 0
+
+
+def test_ctrl_c_in_a_callback_ends_the_run_after_it_and_closes_the_bag(scenes: Path, tmp_path: Path) -> None:
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=2.5, steady_window=[2.0, 2.5])
+    _, started = parameters(path, tmp_path / "run", lockstep=True)
+    ended: list[float] = []
+
+    def follow(time: float, _: Any) -> None:
+        if time >= 0.5 and not ended:
+            os.kill(os.getpid(), signal.SIGINT)
+            ended.append(time)  # not torn
+
+    with own_domain(), pytest.raises(KeyboardInterrupt):
+        run_lockstep(started, lambda _: None, follow)
+    assert ended
+    times = open_run(tmp_path / "run" / "bag").motion.time
+    assert ended[0] - 0.1 < times[-1] < ended[0] + 0.2
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -16,12 +16,14 @@ import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
 from rcl_interfaces.msg import Log
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
@@ -113,8 +115,9 @@ def run_lockstep(
         waiting = _follow(plant, follow, calls)
         others = {name: node for name, node in graph.nodes.items() if node is not plant and hasattr(node, "done")}
         computed, since, reported = -1, time.monotonic(), False
+        turn = stack.enter_context(_uninterrupted(graph.executor))
         while not plant.done.done():
-            graph.executor.spin_once(timeout_sec=0.1)
+            turn(0.1)
             _check(others)
             if plant.stream.computed_ticks != computed:
                 computed, since = plant.stream.computed_ticks, time.monotonic()
@@ -128,6 +131,23 @@ def run_lockstep(
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:
             raise PlantFailedError(plant.failure)
+
+
+@contextmanager
+def _uninterrupted(executor: Executor) -> Iterator[Callable[[float], None]]:
+    """Yield a function that spins once, for up to so many seconds; what asks the process to end is raised after it.
+
+    Raised inside, in rclpy's C++, KeyboardInterrupt becomes another error, or is lost.
+    """
+    with Interrupt() as interrupt:
+        interrupt.defer()
+
+        def turn(seconds: float) -> None:
+            executor.spin_once(timeout_sec=seconds)
+            if interrupt.received:
+                raise KeyboardInterrupt
+
+        yield turn
 
 
 def _follow(plant: Any, follow: Follow | None, calls: Sequence[tuple[float, str]]) -> list[tuple[float, Any]]:
@@ -250,5 +270,10 @@ def watching(
 ) -> Iterator[tuple[BenchWatch, Callable[[], None]]]:  # fmt: skip
     """Yield the watch and a function that spins it for up to a twentieth of a second: a node that ends is seen then."""
     with command_node(lambda: BenchWatch(report, follow, calls, namespace=namespace), *QUIET) as (watch, executor):
-        yield watch, lambda: executor.spin_once(timeout_sec=0.05)
+
+        def listen() -> None:
+            with _uninterrupted(executor) as turn:
+                turn(0.05)
+
+        yield watch, listen
         time.sleep(_APART)
