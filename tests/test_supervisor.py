@@ -49,7 +49,7 @@ def start(scenes: Path, tmp_path: Path) -> Iterator[Start]:
 
 
 def test_a_hung_node_is_named_the_ceiling_held_and_the_motor_off(start: Start, tmp_path: Path) -> None:
-    running = start()
+    running = start(restart_time=60.0)  # as the bench where nodes are started again
     watch = running.watch
     running.nodes["recorder_node"].process.send_signal(signal.SIGSTOP)
     hung = time.monotonic()

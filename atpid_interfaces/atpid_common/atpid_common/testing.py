@@ -109,13 +109,14 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
 def children() -> dict[int, str]:
     """Return this process's children that still run, with their command lines."""
-    found = {}
+    found, own = {}, os.getpid()
     # by the parent of every process: /proc/PID/task/TID/children may leave out some while others end
-    for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it ended just now
-            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
-            if int(parent) == os.getpid() and state != "Z":
-                found[int(process.name)] = (process / "cmdline").read_text(errors="replace").replace("\0", " ").strip()
+    for process in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError), open(f"/proc/{process}/stat", "rb") as stat:  # it ended just now
+            state, parent = stat.read().rpartition(b")")[2].split()[:2]
+            if int(parent) == own and state != b"Z":
+                command = Path(f"/proc/{process}/cmdline").read_text(errors="replace")
+                found[int(process)] = command.replace("\0", " ").strip()
     return {pid: command for pid, command in found.items() if not any(name in command for name in LASTING_PROCESSES)}
 
 
