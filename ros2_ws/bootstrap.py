@@ -195,7 +195,7 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
     arguments = ["--cmake-args", f"-DPython3_EXECUTABLE={python}", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=Release"]
     arguments.append(f"-DATPID_PYTHON_ONLY={'ON' if ros.source == 'wheels' else 'OFF'}")
     if fresh:
-        with step("building the workspace and its kernels (a minute the first time)"), kernels_beside(environment):
+        with step("building the workspace and its kernels (two minutes the first time)"), kernels_beside(environment):
             run([*command, *arguments], "colcon build", environment, WORKSPACE)
     else:
         with step("building what changed"):

@@ -21,7 +21,6 @@ from atpid_common import output
 from atpid_common.files import read_arrays
 from atpid_sim.maps import MapError
 from atpid_sim.simulation.quantities import efficiency
-from atpid_sim.simulation.simulate import finite
 from studies.atlas.column import FAILED, TYPES, Column
 from studies.atlas.plan import FREQUENCY, MASS, Place, Plan
 
@@ -149,13 +148,13 @@ class Atlas:
 
     def write_tables(self, folder: Path) -> None:
         """Write atlas.csv and atlas.json into a folder; raises OutputError."""
-        rows = [finite(row) for row in self.rows()]
+        rows = [output.finite(row) for row in self.rows()]
         with output.writing(folder):
             with (folder / "atlas.csv").open("w", newline="", encoding="utf-8") as file:
                 table = csv.DictWriter(file, list(rows[0]))
                 table.writeheader()
                 table.writerows(rows)
-            text = json.dumps(finite(self.summary()), indent=1) + "\n"
+            text = json.dumps(output.finite(self.summary()), indent=1) + "\n"
             (folder / "atlas.json").write_text(text, encoding="utf-8")
 
 

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.arguments import MOST_SEED, file_path, whole
+from atpid_common.output import finite
 from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import SteadyState, steady_state
 from atpid_sim.simulation.batch import Batch, Progress, Workers
 from atpid_sim.simulation.journal import Record
-from atpid_sim.simulation.simulate import finite
 from studies.journal_option import add_journal
 from studies.steady.judge import CHANCE, IRREGULAR, OTHER, PERIODIC, Judgement, judge
 from studies.steady.systems import LAWS, drawn

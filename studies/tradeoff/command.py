@@ -16,7 +16,6 @@ from atpid_common.arguments import file_path, positive
 from atpid_sim.figure_numbers import drawn
 from atpid_sim.figure_style import LIGHT, WIDTH
 from atpid_sim.scene import load_scene
-from atpid_sim.simulation.simulate import finite
 from studies.tradeoff import measure as study
 
 #: Smallest error drawn, as a share of how well the reference itself is known.
@@ -61,10 +60,10 @@ def run(args: argparse.Namespace) -> int:
     plain = {
         "scene": args.scene.name,
         "reference": {name: getattr(reference, name) for name in ("amplitude", "agreement", "spread")},
-        "points": [finite(asdict(point)) for point in points],
+        "points": [output.finite(asdict(point)) for point in points],
         "answers": found,
         "tightest": finest,
-        "steady": None if steady is None else finite(asdict(steady)),
+        "steady": None if steady is None else output.finite(asdict(steady)),
     }
     with output.writing(folder):
         (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")

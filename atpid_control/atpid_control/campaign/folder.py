@@ -15,12 +15,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from atpid_common.output import folder, writing
+from atpid_common.output import finite, folder, writing
 from atpid_control.campaign.plan import CampaignError
 from atpid_control.stand.outdir import claimed
-from atpid_sim.simulation.simulate import finite
 
 RECORD, PLAN = "point.json", "campaign.json"
 #: What a record has as its `status`; a point with one of the first two is done.
@@ -105,6 +102,8 @@ class CampaignFolder:
         """Write index.json and index.csv anew: a convenience, from the points that are there."""
         rows = list(self.records().values())
         _write(self.path / "index.json", rows)
+        import pandas as pd  # here, since it loads slowly
+
         table = pd.DataFrame(rows).drop(columns="events", errors="ignore")
         _replace(self.path / "index.csv", table.to_csv(index=False, lineterminator="\n"))
 

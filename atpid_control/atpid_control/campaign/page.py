@@ -14,7 +14,7 @@ from typing import Any
 
 from plotly.offline import get_plotlyjs
 
-from atpid_common.output import writing
+from atpid_common.output import finite, writing
 from atpid_control.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
 from atpid_control.campaign.plan import Campaign
 from atpid_control.campaign.result import simulated
@@ -23,7 +23,6 @@ from atpid_control.views.report.make import PAGE, report
 from atpid_control.views.static_page import Link, document, facts, table, warnings
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress
-from atpid_sim.simulation.simulate import finite
 
 #: Standard deviations within which measurement and simulation agree.
 AGREE = 2.0

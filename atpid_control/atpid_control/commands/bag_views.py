@@ -12,8 +12,6 @@ from atpid_control.commands.results import add_bag, add_part, print_missing
 from atpid_control.runs.parts import bag_of
 from atpid_control.runs.read import open_bag
 from atpid_control.views.export.write import FORMATS, export
-from atpid_control.views.report.make import check_folder, report
-from atpid_control.views.traces import PREFIX, write_traces
 from atpid_sim.display import working
 
 _BAG = "bags/thesis_4_3_short"
@@ -27,6 +25,8 @@ def _report_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _report(args: argparse.Namespace) -> int:
     """Make the report; return 0. Raises BagError, ReportError."""
+    from atpid_control.views.report.make import check_folder, report  # here, since it loads slowly
+
     bag = bag_of(args.bag)
     check_folder(args.out)
     with working("reading the bag, repeating its stages by simulation, drawing"):
@@ -70,6 +70,8 @@ def _traces_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _traces(args: argparse.Namespace) -> int:
     """Write the file, print what is in it; return 0. Raises BagError, SceneError, OutputError."""
+    from atpid_control.views.traces import PREFIX, write_traces  # here, since it loads slowly
+
     path = bag_of(args.bag)
     file = output.file(args.out, replace=args.force)
     with working("reading the bag, writing its traces"):

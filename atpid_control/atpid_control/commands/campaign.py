@@ -19,8 +19,6 @@ from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Command
 from atpid_common.waiting import to_stderr
 from atpid_control.campaign.folder import CampaignFolder
-from atpid_control.campaign.model import model_of, written
-from atpid_control.campaign.page import AGREE, agreeing, compared, write_page
 from atpid_control.campaign.plan import Campaign, Point, campaign_in, points_of, read_campaign
 from atpid_control.campaign.run import Done, pause_by_signal, run_campaign, summary
 from atpid_control.campaign.stands import SimulatedStand, Stand
@@ -28,7 +26,6 @@ from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.processes import stoppable
 from atpid_sim.display import counting, working
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.simulate import finite
 
 #: Arguments of the example in the help.
 EXAMPLE = "campaign.yaml --out out/campaign"
@@ -61,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
         print(_line(done))
         for text in done.skipped:
             print(f"skipped: {text}")
+        from atpid_control.campaign.page import write_page  # here, since it loads slowly
+
         with counting("simulating every point beside", done.measured) as count:
             page = write_page(campaign, scene, folder, count)
         print(f"{page}; a model of this stand: atpid calibrate campaign {folder.path} --out DIR")
@@ -93,6 +92,9 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _model(args: argparse.Namespace) -> int:
     """Find the model, compare it with every point, print both; return 0. Raises AtpidError."""
+    from atpid_control.campaign.model import model_of, written  # here, since they load slowly
+    from atpid_control.campaign.page import AGREE, agreeing, compared
+
     folder, out = CampaignFolder(args.folder.resolve()), output.folder(args.out)
     campaign, scene = campaign_in(folder.plan(), folder.path)
     with working("reading the points"):
@@ -118,7 +120,7 @@ def _model(args: argparse.Namespace) -> int:
     agree = f"{agreeing(given)} of {len(given)} by the scene given, {agreeing(own)} by the model"
     print(f"within {AGREE:g} standard deviations: {agree}")
     with output.writing(out):
-        kept = finite({"uncertainty": model.uncertainty, "points": own})
+        kept = output.finite({"uncertainty": model.uncertainty, "points": own})
         (out / "agreement.json").write_text(json.dumps(kept, indent=1))
     uncertainty = ",".join(f"{name}={max(value, 1e-4):.2g}" for name, value in model.uncertainty.items())
     print(f"design: atpid design --structure {path} --uncertainty {uncertainty} ...")

@@ -24,7 +24,6 @@ from atpid_sim.contact.materials import MATERIALS
 from atpid_sim.display import working
 from atpid_sim.scene import load_scene
 from atpid_sim.scene.yaml12 import write_yaml
-from atpid_sim.simulation.simulate import finite
 
 
 def _add_cantilever(parser: argparse.ArgumentParser) -> None:
@@ -133,7 +132,8 @@ def _run_run(args: argparse.Namespace) -> int:
         lines.append(f"mode {number}: {mode['frequency']:.6g} ± {mode['frequency_std']:.2g} Hz, damping ratio "
                      f"{mode['damping_ratio']:.4g} ± {mode['damping_ratio_std']:.2g}{part}")  # fmt: skip
     lines.append("masses need --masses, or a run that a force at the container drives")
-    print(json.dumps(finite({"modes": modes, "notes": lines})) if args.json else "\n".join(f"# {one}" for one in lines))
+    found = output.finite({"modes": modes, "notes": lines})
+    print(json.dumps(found) if args.json else "\n".join(f"# {one}" for one in lines))
     return 0
 
 
@@ -147,7 +147,7 @@ def _give(args: argparse.Namespace, structure: Structure, *, forced: bool) -> in
         output.file(args.out, replace=args.force)
         with output.writing(args.out):
             args.out.write_text(text, encoding="utf-8")
-    print(json.dumps(finite(chosen)) if args.json else text.rstrip())
+    print(json.dumps(output.finite(chosen)) if args.json else text.rstrip())
     return 0
 
 

@@ -18,7 +18,6 @@ from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.views.static_page import document, drawn, facts, table, warnings
 from atpid_sim.figure_numbers import Panels, save_panels
-from atpid_sim.simulation.simulate import finite
 
 _WIDTH = 110
 
@@ -83,7 +82,7 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
 
     What is `missing` in the numbers is printed after the notes.
     """
-    plain = finite(dict(numbers))
+    plain = output.finite(dict(numbers))
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         page = _page_of(shown.picture)

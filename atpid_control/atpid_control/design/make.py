@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common.output import finite
 from atpid_control.design import grain_choice
 from atpid_control.design.beside_tuned_mass import Comparison, compare
 from atpid_control.design.check import Check, drawn, widened
@@ -22,7 +23,6 @@ from atpid_control.design.worst_case import Interval, Point, Structures, point, 
 from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores
-from atpid_sim.simulation.simulate import finite
 from atpid_sim.system import Array
 
 #: Support amplitudes of the promise, evenly spaced in the logarithm, and of the trade between grains.

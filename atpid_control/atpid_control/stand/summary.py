@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from atpid_common.output import finite
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs.run import Run
 from atpid_control.views.report.latency import laser_blocks, latency_of, received_of, summary_line
@@ -22,7 +23,6 @@ from atpid_control.views.report.stages import Printed, Stage, beside
 from atpid_control.views.report.view import View, not_arrived
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.quantities import modes_in, worse_than_without
-from atpid_sim.simulation.simulate import finite
 
 _COLUMNS = (
     "time\n[s]", "excited\n[{}]", "iden-\ntified", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",

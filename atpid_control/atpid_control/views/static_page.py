@@ -11,9 +11,6 @@ from importlib.resources import files
 from itertools import chain
 from typing import Any
 
-import matplotlib
-from matplotlib.figure import Figure
-
 from atpid_sim.figure_numbers import Panels, legend_below
 from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
 
@@ -95,6 +92,9 @@ def drawn(panels: Panels) -> str:
 
 def _drawing(draw: Callable[[Any], None]) -> str:
     """Return a panel as SVG whose text is text and whose colours are those of the page's scheme."""
+    import matplotlib  # here, since it loads slowly, and not every page has a drawing
+    from matplotlib.figure import Figure
+
     with matplotlib.rc_context(style(LIGHT) | {"svg.fonttype": "none", "legend.fontsize": SIZE}):
         figure = Figure(figsize=(4.3, 3.3), layout="constrained")
         axes = figure.subplots()

@@ -3,11 +3,13 @@
 """Output files and folders of the commands: what cannot be written is one line, before the work where possible."""
 
 import argparse
+import math
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from atpid_common.errors import InputError
 
@@ -56,3 +58,12 @@ def file(path: Path, option: str = "--out", *, replace: bool = True) -> Path:
 def add_force(parser: argparse.ArgumentParser) -> None:
     """Declare `--force`, without which no file that is there is replaced."""
     parser.add_argument("--force", action="store_true", help="replace files that are there already")
+
+
+def finite(value: Any) -> Any:
+    """Return a value, and what dicts and lists in it contain, with None for every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -17,7 +17,6 @@ from atpid_sim.display import counting
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.batch import Batch
-from atpid_sim.simulation.simulate import finite
 
 if TYPE_CHECKING:
     from atpid_sim.periodic.basin import Basin, Starts
@@ -64,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     work = partial(_at, scene, starts, args.error, args.starts, args.seed)
     with counting("basins", len(jobs)) as count:
         found = Batch(work, jobs).run(workers_of(args), count)
-    rows: list[dict[str, Any]] = [finite(asdict(one)) for one in found]
+    rows: list[dict[str, Any]] = [output.finite(asdict(one)) for one in found]
     write_table(rows, args.out)
     if args.json:
         print(json.dumps(rows, allow_nan=False))

@@ -18,7 +18,7 @@ from atpid_sim.simulation.excitation import amplitude_at, frequency_at
 from atpid_sim.simulation.integration import amplitude_without_damper
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.series import draw, write_series
-from atpid_sim.simulation.simulate import Result, finite, simulate, trajectory
+from atpid_sim.simulation.simulate import Result, simulate, trajectory
 from atpid_sim.simulation.unrepeated import vibration, write_spectrum
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
     if kicked is not None and args.json:
         values["kicked"] = asdict(kicked)
     if args.json:
-        print(json.dumps(finite(values), allow_nan=False))
+        print(json.dumps(output.finite(values), allow_nan=False))
         return True
     from rich.console import Console
     from rich.table import Table

@@ -16,7 +16,6 @@ from atpid_sim.commands.options import add_accuracy, add_table, add_workers, wor
 from atpid_sim.display import counting
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.journal import beside
-from atpid_sim.simulation.simulate import finite
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.05:0.15:101 --out sweep.csv"
@@ -56,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             row = dict(zip(columns, values, strict=True))
             support = each.excitation.amplitude_points[-1][1]
             head = {"mass_fraction": each.grain.mass_fraction, "support": support}
-            rows.append(finite({**head, **row, "ways": Way(row["ways"]).name.lower(), "fidelity": one.fidelity}))
+            rows.append(output.finite({**head, **row, "ways": Way(row["ways"]).name.lower(), "fidelity": one.fidelity}))
     write_table(rows, args.out)
     if args.out is not None:
         beside(args.out).unlink(missing_ok=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from atpid_common.errors import InputError
+from atpid_common.output import finite
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
@@ -294,15 +295,6 @@ def _period_variation(samples: Array, amplitude: float) -> float:
         return 0.0
     changes = [np.sqrt(np.mean((beam[lag:] - beam[:-lag]) ** 2)) for lag in (_STROBES, 2 * _STROBES)]
     return float(min(changes) / amplitude)
-
-
-def finite(value: Any) -> Any:
-    """Return a value, and what dicts and lists in it contain, with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {key: finite(inner) for key, inner in value.items()}
-    if isinstance(value, tuple | list):
-        return [finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def verdicts(scene: Scene, windows: Sequence[tuple[float, float]], fidelity: str = "auto") -> list[Verdict | None]:

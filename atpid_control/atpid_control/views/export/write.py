@@ -19,17 +19,16 @@ from atpid_common import output
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import TIME, Piece, Table
-from atpid_control.views.export import csv_file, mat_file, parquet_file, tdms_file, uff_file
 
 _ALONE, _SAMPLES = "a table a file", "samples alone"
-#: Format: its writer, the endings a file of it may have, and what it can hold.
-FORMATS: dict[str, tuple[Any, tuple[str, ...], str]] = {
-    "csv": (csv_file.write, (".csv",), _ALONE),
-    "uff": (uff_file.write, (".uff", ".unv"), _SAMPLES),
-    "uff-ascii": (partial(uff_file.write, ascii=True), (".uff", ".unv"), _SAMPLES),
-    "mat": (mat_file.write, (".mat",), ""),
-    "parquet": (parquet_file.write, (".parquet",), _ALONE),
-    "tdms": (tdms_file.write, (".tdms",), _SAMPLES),
+#: Format: the module of its writer, the endings a file of it may have, and what it can hold.
+FORMATS = {
+    "csv": ("csv_file", (".csv",), _ALONE),
+    "uff": ("uff_file", (".uff", ".unv"), _SAMPLES),
+    "uff-ascii": ("uff_file", (".uff", ".unv"), _SAMPLES),
+    "mat": ("mat_file", (".mat",), ""),
+    "parquet": ("parquet_file", (".parquet",), _ALONE),
+    "tdms": ("tdms_file", (".tdms",), _SAMPLES),
 }
 #: What a format needs that set-up leaves out: the module, and what installs it.
 _NEEDS = {"parquet": ("pyarrow", "make parquet"), "tdms": ("nptdms", "make import")}
@@ -56,10 +55,10 @@ def export(
 
     Nothing is written where the export fails. Raises BagError, OutputError.
     """
-    writer, endings, holds = FORMATS[form]
+    module, endings, holds = FORMATS[form]
     if out.suffix.lower() not in endings:
         raise BagError(f"--out: given {out}; allowed with --format {form}: a file that ends in {endings[0]}")
-    _check_installed(form)
+    writer = _writer(form, module)
     output.file(out, replace=replace)
     beside = sorted(out.parent.glob(f"{out.stem}.*{out.suffix}")) if holds == _ALONE else []
     if beside and not replace:
@@ -77,14 +76,16 @@ def export(
     return Exported(files, source.missing, others)
 
 
-def _check_installed(form: str) -> None:
-    """Raise BagError where what the format needs is not installed."""
-    module, how = _NEEDS.get(form, ("", ""))
+def _writer(form: str, module: str) -> Any:
+    """Return what writes a format, loaded now: some load slowly. Raises BagError: what it needs is not installed."""
+    needed, how = _NEEDS.get(form, ("", ""))
     try:
-        _ = module and import_module(module)
+        _ = needed and import_module(needed)
     except ImportError as error:
-        needed = f"needs {error.name}, which is not installed"
-        raise BagError(f"--format {form}: {needed}; `{how}` installs it, or give --format csv, mat or uff") from None
+        reason = f"needs {error.name}, which is not installed"
+        raise BagError(f"--format {form}: {reason}; `{how}` installs it, or give --format csv, mat or uff") from None
+    write = import_module(f"{__package__}.{module}").write
+    return partial(write, ascii=True) if form == "uff-ascii" else write
 
 
 def _placed(made: list[tuple[Table | None, Path]], rows: Mapping[str, int], out: Path) -> list[tuple[Path, str]]:

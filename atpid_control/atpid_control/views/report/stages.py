@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.output import finite
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.tables import TRUTH
 from atpid_control.views.report.comparison import Closed, closed_motion, repeated
@@ -19,7 +20,6 @@ from atpid_sim.scene import Scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points
 from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 from atpid_sim.simulation.reproducibility import Verdict
-from atpid_sim.simulation.simulate import finite
 from atpid_sim.system import Array
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
