@@ -100,10 +100,10 @@ class CampaignFolder:
 
     def write_index(self) -> None:
         """Write index.json and index.csv anew: a convenience, from the points that are there."""
-        rows = list(self.records().values())
-        _write(self.path / "index.json", rows)
         import pandas as pd  # here, since it loads slowly
 
+        rows = list(self.records().values())
+        _write(self.path / "index.json", rows)
         table = pd.DataFrame(rows).drop(columns="events", errors="ignore")
         _replace(self.path / "index.csv", table.to_csv(index=False, lineterminator="\n"))
 

@@ -42,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure what is missing; return 0. Raises AtpidError, KeyboardInterrupt with how far it has come."""
     campaign, scene = read_campaign(args.campaign)
+    from atpid_control.campaign.page import write_page  # it loads slowly: a file that cannot be is refused before
+
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
     folder = CampaignFolder(args.out.resolve())
@@ -58,8 +60,6 @@ def run(args: argparse.Namespace) -> int:
         print(_line(done))
         for text in done.skipped:
             print(f"skipped: {text}")
-        from atpid_control.campaign.page import write_page  # here, since it loads slowly
-
         with counting("simulating every point beside", done.measured) as count:
             page = write_page(campaign, scene, folder, count)
         print(f"{page}; a model of this stand: atpid calibrate campaign {folder.path} --out DIR")
