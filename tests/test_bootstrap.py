@@ -3,12 +3,15 @@
 """Set-up as pure functions and with its steps recorded instead of run; the real run comes before these tests."""
 
 import contextlib
+import importlib.metadata
 import os
 import pty
 import re
 import subprocess
 import sys
+import sysconfig
 import types
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -384,3 +387,14 @@ def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -
         assert re.match(r"[a-z0-9.-]+==\S+( ; [^\\]+)? \\\n    --hash=sha256:", entry), entry
     assert "://" not in text
     assert not re.search(r"^-|--(index|extra|find)", text, re.MULTILINE)
+
+
+def test_no_module_of_the_environment_is_of_two_packages() -> None:
+    """Which of them is installed last is chance."""
+    owners = defaultdict(set)
+    for package in importlib.metadata.distributions(path=[sysconfig.get_path("purelib")]):
+        for file in package.files or ():
+            if file.suffix == ".py":
+                owners[str(file)].add(package.metadata["Name"])
+    assert owners
+    assert not {file: names for file, names in owners.items() if len(names) > 1}
