@@ -391,10 +391,10 @@ def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -
 
 def test_no_module_of_the_environment_is_of_two_packages() -> None:
     """Which of them is installed last is chance."""
-    owners = defaultdict(set)
+    contents = defaultdict(set)
     for package in importlib.metadata.distributions(path=[sysconfig.get_path("purelib")]):
         for file in package.files or ():
-            if file.suffix == ".py":
-                owners[str(file)].add(package.metadata["Name"])
-    assert owners
-    assert not {file: names for file, names in owners.items() if len(names) > 1}
+            if file.suffix == ".py" and file.hash is not None:
+                contents[str(file)].add(file.hash.value)
+    assert contents
+    assert not [file for file, hashes in contents.items() if len(hashes) > 1]
