@@ -60,7 +60,8 @@ def campaign_file(folder: Path, **changes: Any) -> Path:
         ({"heights": [0.1, 0.1]}, "each value once"),
         ({"stand": "real"}, "a parameter file of excitation_node"),
         ({"rules": {"settle_limit": 0.0}}, "settle_limit"),
-        ({"colour": "red"}, "colour"),
+        ({"colour": "red"}, "allowed: scene, stand, "),
+        ({"order_": "random"}, "did you mean order?"),
         ({"scene": str(ROOT / "scenes/standard.yaml")}, "one a controller moves"),
     ],
 )

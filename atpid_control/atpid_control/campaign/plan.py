@@ -190,7 +190,7 @@ def read_campaign(path: Path) -> tuple[Campaign, Scene]:
     except FileError as error:
         raise CampaignError(f"{error}; a campaign is a YAML file in UTF-8") from None
     except ValidationError as error:
-        raise CampaignError(f"{path}: {explained(error.errors(include_url=False))}") from None
+        raise CampaignError(f"{path}: {explained(error.errors(include_url=False), Campaign)}") from None
     scene = load_scene(campaign.scene)
     if not scene.ceiling.controlled:
         raise CampaignError(f"{campaign.scene}: ceiling: given {scene.ceiling.kind}; allowed: one a controller moves")

@@ -35,7 +35,7 @@ def structure_in(path: Path) -> dict[str, Any]:
     except FileError as error:
         raise DesignError(f"--structure: {error}") from None
     except ValidationError as error:
-        raise DesignError(f"--structure: {path}: {explained(error.errors(include_url=False))}") from None
+        raise DesignError(f"--structure: {path}: {explained(error.errors(include_url=False), Blocks)}") from None
     beam = given.beam
     omega = math.sqrt(beam.stiffness / beam.mass)
     return {

@@ -30,8 +30,8 @@ _UNIT = re.compile(r"\[([^\]]+)\]")
 _NAMED = 4
 
 
-def explained(errors: Sequence[ErrorDetails]) -> str:
-    """Return the first error in words, and the keys of the others."""
+def explained(errors: Sequence[ErrorDetails], whole: type[SceneBlock] = SceneValues) -> str:
+    """Return the first error in words, and the keys of the others; `whole`: the block that was validated."""
     # a default that depends on a wrong value is no error of its own
     errors = [error for error in errors if error["type"] != "default_factory_not_called"]
     # a misspelt key also leaves a key missing: the cause comes first, not the consequence
@@ -39,16 +39,16 @@ def explained(errors: Sequence[ErrorDetails]) -> str:
     others = list(dict.fromkeys(_key(error["loc"]) for error in errors if error is not first))
     more = ", ..." if len(others) > _NAMED else ""
     rest = f" (also wrong: {', '.join(others[:_NAMED])}{more})" if others else ""
-    return f"{_explain(first)}{rest}"
+    return f"{_explain(first, whole)}{rest}"
 
 
-def _explain(error: ErrorDetails) -> str:
+def _explain(error: ErrorDetails, whole: type[SceneBlock]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     key = _key(error["loc"])
     if kind == "extra_forbidden":
-        return _unknown_key(error)
+        return _unknown_key(error, whole)
     if kind == "missing":
-        return f"{key}: missing; allowed: {_meaning(error['loc'])}"
+        return f"{key}: missing; allowed: {_meaning(error['loc'], whole)}"
     if kind == "no_law":
         return _unknown_law(key, error)
     if kind == "no_variant":
@@ -60,23 +60,24 @@ def _explain(error: ErrorDetails) -> str:
         key = ".".join(part for part in (key, inner) if part)
         return f"{key}: given {shown(context['given'])}; allowed: {context['allowed']}"
     if kind == "model_type":
-        return f"{key}: given {shown(error['input'])}; allowed: a block with the keys {', '.join(_keys(error['loc']))}"
+        keys = ", ".join(_keys(error["loc"], whole))
+        return f"{key}: given {shown(error['input'])}; allowed: a block with the keys {keys}"
     if kind == "literal_error":
         similar = did_you_mean(str(error["input"]), re.findall(r"'([^']*)'", context["expected"]))
         word = "a bare number, or the word " if error["loc"][-1] == "<word>" else ""
         return f"{key}: given {shown(error['input'])}; allowed: {word}{context['expected']}{similar}"
     allowed = error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
     if kind == "float_type" and isinstance(error["input"], str):
-        allowed = _bare_number(error["input"], error["loc"])
+        allowed = _bare_number(error["input"], error["loc"], whole)
     return f"{key}: given {shown(error['input'])}; allowed: {allowed}"
 
 
-def _bare_number(text: str, location: tuple[int | str, ...]) -> str:
+def _bare_number(text: str, location: tuple[int | str, ...], whole: type[SceneBlock]) -> str:
     """Return what is allowed in place of a text that was meant as a number."""
     if _WITH_COMMA.fullmatch(text.strip()):
         return f"a number with a decimal point: {text.strip().replace(',', '.')}"
     named = tuple(part for part in location if isinstance(part, int) or not part.startswith("<number"))
-    unit = _UNIT.search(_meaning(named))
+    unit = _UNIT.search(_meaning(named, whole))
     return f"a bare number, in {unit[1]}" if unit and unit[1] != "-" else "a bare number"
 
 
@@ -93,12 +94,12 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
     return ""
 
 
-def _unknown_key(error: ErrorDetails) -> str:
+def _unknown_key(error: ErrorDetails, whole: type[SceneBlock]) -> str:
     name = str(error["loc"][-1])
-    keys = _keys(error["loc"][:-1])
+    keys = _keys(error["loc"][:-1], whole)
     inner: dict[str, str] = {}
     for block in sorted(keys, key=lambda key: key.startswith("further_")) if len(error["loc"]) == 1 else ():
-        for model in filter(None, [_model_at((block,)), *_CHOICES.get(block, {}).values()]):
+        for model in filter(None, [_model_at((block,), whole), *_CHOICES.get(block, {}).values()]):
             inner = {key: f"{block}.{key}" for key in model.model_fields if key not in keys} | inner
     similar = did_you_mean(name, keys, inner)
     return f"{_key(error['loc'])}: unknown key{similar}; allowed: {', '.join(keys)}"
@@ -124,23 +125,23 @@ def _key(location: tuple[int | str, ...]) -> str:
     return text
 
 
-def _keys(location: tuple[int | str, ...]) -> list[str]:
+def _keys(location: tuple[int | str, ...], whole: type[SceneBlock]) -> list[str]:
     """Return the keys of the block that `location` leads to."""
-    model = _model_at(location)
+    model = _model_at(location, whole)
     return [*(field.alias or name for name, field in model.model_fields.items()), *model.alternatives] if model else []
 
 
-def _meaning(location: tuple[int | str, ...]) -> str:
-    model = _model_at(location[:-1])
+def _meaning(location: tuple[int | str, ...], whole: type[SceneBlock]) -> str:
+    model = _model_at(location[:-1], whole)
     for name, field in model.model_fields.items() if model else ():
         if location[-1] in (name, field.alias):
             return field.description or name
     return "a value"
 
 
-def _model_at(location: tuple[int | str, ...]) -> type[SceneBlock] | None:
+def _model_at(location: tuple[int | str, ...], whole: type[SceneBlock]) -> type[SceneBlock] | None:
     """Return the block that the keys of `location` lead to."""
-    model: type[SceneBlock] | None = SceneValues
+    model: type[SceneBlock] | None = whole
     for part in location:
         if isinstance(part, int):  # one of a list of blocks
             continue
