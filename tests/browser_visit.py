@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from axe_playwright_python.sync_playwright import Axe
+from page_visit import TIMEOUT, new_page
 from playwright.sync_api import sync_playwright
 
 DESKTOP: Any = {"width": 1280, "height": 900}
@@ -24,7 +25,6 @@ TEXTS = (
 PLOTS = ("motion", "plot-efficiency", "plot-spectrum")
 #: Widths of a window [pixels], one for each number of columns of the page and some more.
 WIDTHS = (390, 800, 1280, 1440, 1920)
-TIMEOUT = 120.0  # [s]
 #: Whether the button that stops the motor stays where it is while a long line appears beside it.
 STAYS = """() => { const lost = document.getElementById("lost"), text = lost.textContent, hidden = lost.hidden;
     const place = () => { const at = document.getElementById("stop").getBoundingClientRect(); return [at.x, at.y]; };
@@ -57,12 +57,12 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         errors: list[str] = []
-        desktop = browser.new_page(viewport=DESKTOP)
+        desktop = new_page(browser, viewport=DESKTOP)
         desktop.on("pageerror", lambda error: errors.append(str(error)))
         desktop.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         desktop.goto(url)
         until(desktop, "live.pictures > 0 && live.rows.efficiency.length > 5 && live.spectrum.frequency.length")
-        phone = browser.new_page(viewport=PHONE, has_touch=True, is_mobile=True)
+        phone = new_page(browser, viewport=PHONE, has_touch=True, is_mobile=True)
         phone.goto(url)
         until(phone, "live.pictures > 10")
         phone.screenshot(path=folder / "phone.png", full_page=True)
@@ -80,7 +80,7 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         findings += wrong(desktop)
         seen["texts"] = texts(desktop)
         desktop.screenshot(path=folder / "desktop.png", full_page=True)
-        dark = browser.new_page(viewport=DESKTOP, color_scheme="dark")
+        dark = new_page(browser, viewport=DESKTOP, color_scheme="dark")
         dark.goto(url)
         until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")
         dark.screenshot(path=folder / "dark.png", full_page=True)
@@ -148,7 +148,7 @@ def still(url: str, chromium: str) -> dict[str, Any]:
     """Return what a page shows that does not change: of a run that has ended, or of a view without a graph."""
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(viewport=DESKTOP)
+        page = new_page(browser, viewport=DESKTOP)
         page.goto(url)
         until(page, "live.state && document.getElementById('run').textContent !== '–'")
         shown = look(page) | {"texts": texts(page)}

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 SCREENS: Any = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
+TIMEOUT = 120.0  # [s] for a page to load
 #: Texts of the charts that leave the screen, and names of curves that stand within the panels.
 MISPLACED = """() => {
   const box = (item) => item.getBoundingClientRect();
@@ -37,10 +38,17 @@ def visited(*pages: Path) -> dict[str, list[str]]:
     if chromium is None or importlib.util.find_spec("playwright") is None:
         pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
     command = [sys.executable, __file__, chromium, *map(str, pages)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300.0)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0)
     assert done.returncode == 0, done.stderr
     found: dict[str, list[str]] = json.loads(done.stdout)
     return found
+
+
+def new_page(browser: Any, **options: Any) -> Any:
+    """Open an empty page, which waits longer than Playwright does by itself: the machine may be busy."""
+    page = browser.new_page(**options)
+    page.set_default_timeout(1e3 * TIMEOUT)
+    return page
 
 
 def errors_of(page: Any) -> list[str]:
@@ -61,7 +69,7 @@ def main(chromium: str, *pages: str) -> None:
         for name in pages:
             for screen, size in SCREENS.items():
                 for scheme in ("light", "dark"):
-                    page = browser.new_page(viewport=size, color_scheme=scheme)
+                    page = new_page(browser, viewport=size, color_scheme=scheme)
                     errors = errors_of(page)
                     page.goto(Path(name).resolve().as_uri())
                     wrong = [one["id"] for one in Axe().run(page).response["violations"]]

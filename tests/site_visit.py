@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from page_visit import SCREENS
+from page_visit import SCREENS, new_page
 
 PAGES = ("README", "docs/commands", "docs/messages", "docs/parameters")
 
@@ -25,16 +25,16 @@ def main(chromium: str, site: str, *words: str) -> None:
     root = Path(site).resolve()
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page: Any = browser.new_page()
+        page: Any = new_page(browser)
         for word in words:
             page.goto(f"{(root / 'search.html').as_uri()}?q={word}")
-            page.wait_for_selector("#search-results .search-summary:has-text('found')", timeout=100_000)
+            page.wait_for_selector("#search-results .search-summary:has-text('found')")
             found[word] = page.eval_on_selector_all("#search-results li a", "all => all.map((each) => each.href)")
         page.close()
         for name in PAGES:
             for screen, size in SCREENS.items():
                 for scheme in ("light", "dark"):
-                    page = browser.new_page(viewport=size, color_scheme=scheme)
+                    page = new_page(browser, viewport=size, color_scheme=scheme)
                     errors: list[str] = []
                     page.on("pageerror", lambda error, errors=errors: errors.append(str(error)))
                     page.goto((root / f"{name}.html").as_uri())
