@@ -10,7 +10,6 @@ from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 
 #: Heights are tabulated this finely: the ceiling is not positioned better [m].
@@ -44,6 +43,8 @@ class SimulatedRelation:
 
     def _response(self, height: float, amplitude: float) -> tuple[float, float] | None:
         """Return the fundamental of the beam's steady motion and its spread [m]; None where it cannot be simulated."""
+        from atpid_sim.simulation.simulate import trajectory  # here, since support signals need no simulation
+
         frequency = self._scene.frequency_hz
         duration = PERIODS / frequency
         scene = self._scene.with_(

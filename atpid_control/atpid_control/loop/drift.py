@@ -16,7 +16,6 @@ from atpid_common.errors import InputError
 from atpid_control.loop.computation import InlineExecutor
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.simulate import simulate
 
 #: Mean overshoot of the sum over the threshold, in standard deviations (Siegmund).
 OVERSHOOT = 1.166
@@ -115,6 +114,8 @@ class SteadyTwin:
         return self._answer
 
     def _simulated(self, amplitude: float, frequency: float, height: float) -> float:
+        from atpid_sim.simulation.simulate import simulate  # here, since what only judges amplitudes simulates nothing
+
         if not all(map(math.isfinite, (amplitude, frequency, height))) or amplitude <= 0.0 or frequency <= 0.0:
             return math.nan
         duration = PERIODS / frequency

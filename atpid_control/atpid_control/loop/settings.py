@@ -16,7 +16,7 @@ from atpid_control.loop.protocol import Controller, ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection import HeightSelector, make_selector
-from atpid_control.selection.checks import reach_of
+from atpid_control.selection.protocol import reach_of
 from atpid_control.selection.registry import at_any_frequency
 from atpid_sim.scene import Scene
 

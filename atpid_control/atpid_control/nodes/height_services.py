@@ -18,7 +18,8 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
 from atpid_control.selection import Excitation, HeightSelector, Selection
-from atpid_control.selection.checks import HeightRequest, Resonance, range_warnings, reach_of, resolved
+from atpid_control.selection.checks import HeightRequest, Resonance, range_warnings, resolved
+from atpid_control.selection.protocol import reach_of
 from atpid_sim.scene import Scene
 
 T = TypeVar("T")

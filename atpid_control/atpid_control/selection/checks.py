@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from atpid_control.identification import Estimate
-from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import Scene, SceneError
@@ -33,12 +33,6 @@ def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: fl
 def frequencies_of(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest frequency heights are computed for [Hz]: half to twice the natural one."""
     return LOWEST_RATIO * scene.natural_frequency_hz, HIGHEST_RATIO * scene.natural_frequency_hz
-
-
-def reach_of(selector: HeightSelector) -> tuple[float, float] | None:
-    """Return the frequencies a method selects at [Hz]; None: at its scene's alone."""
-    reach: tuple[float, float] | None = getattr(selector, "frequencies", None)
-    return reach
 
 
 def range_warnings(scene: Scene, chosen: Selection) -> list[str]:

@@ -91,6 +91,12 @@ class HeightSelector(Protocol):
         """
 
 
+def reach_of(selector: HeightSelector) -> tuple[float, float] | None:
+    """Return the frequencies a method selects at [Hz]; None: at its scene's alone."""
+    reach: tuple[float, float] | None = getattr(selector, "frequencies", None)
+    return reach
+
+
 def violations(selector: HeightSelector, amplitude: float, closed: float) -> list[str]:
     """Return in one sentence each what the selector does not keep to; empty: nothing.
 

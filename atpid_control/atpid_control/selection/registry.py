@@ -11,9 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from atpid_common.errors import AtpidError
-from atpid_control.selection.lookup import FixedSelector, LookupSelector
 from atpid_control.selection.protocol import HeightSelector, SelectionError
-from atpid_sim.maps import HeightMap
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
 
@@ -21,7 +19,17 @@ from atpid_sim.scene.ceiling import SELECTORS
 Factory = Callable[[Scene, Path | None], HeightSelector]
 
 
+# What a method needs is loaded with it: maps load the simulation, which other nodes do without.
+def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.lookup import FixedSelector
+
+    return FixedSelector(scene.ceiling.heights[-1][1])
+
+
 def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.lookup import LookupSelector
+    from atpid_sim.maps import HeightMap
+
     if height_map is None:
         raise SelectionError(
             "method lookup: no map given; make one with `atpid map SCENE.yaml ...` and name it: "
@@ -31,13 +39,13 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
 
 
 def _learned(scene: Scene, model: Path | None) -> HeightSelector:
-    from atpid_control.selection.learned import learned  # with the simulation, loaded at need
+    from atpid_control.selection.learned import learned
 
     return learned(scene, model)
 
 
 def _computing(module: str, name: str) -> Factory:
-    """Return the factory of a class that takes the scene alone; its module, with the simulation, is loaded at need."""
+    """Return the factory of a class that takes the scene alone."""
 
     def make(scene: Scene, _height_map: Path | None) -> HeightSelector:
         return at_any_frequency(getattr(import_module(f"atpid_control.selection.{module}"), name)(scene), scene)
@@ -58,7 +66,7 @@ METHODS: dict[str, Factory] = {
     "direct": _computing("direct", "DirectSelector"),
     "search": _computing("search", "SearchSelector"),
     "learned": _learned,
-    "fixed": lambda scene, _map: FixedSelector(scene.ceiling.heights[-1][1]),
+    "fixed": _fixed,
 }
 
 
