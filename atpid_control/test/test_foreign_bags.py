@@ -4,19 +4,24 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
+import pandas as pd
 import pytest
 import yaml
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
-from rewritten import BAG
+from rewritten import BAG, rewritten
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from atpid_control.cli import main
+from atpid_control.runs.check import check
+from atpid_control.runs.playback import load_playback
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.records import records
+from atpid_control.runs.run import open_run
 
 SERVICE = "/test_service1/_service_event"
 #: rosbag2 keeps such a one of a service: its own types are missing.
@@ -87,6 +92,24 @@ def test_it_is_read_without_the_topics_that_cannot_be(foreign: Path) -> None:
     assert len(list(bag.messages("/sensors/laser"))) == 160
     (line,) = bag.missing
     assert f"{SERVICE}: left out, without a definition in ros2msg that can be read" in line
+
+
+def test_handshakes_which_rosbag2_records_as_well_are_no_part_of_the_run(tmp_path: Path) -> None:
+    def handshakes(_topic: str, place: int, message: Any) -> None:
+        if place < 3 and hasattr(message, "handshake"):
+            message.handshake, message.header.stamp.sec, message.header.stamp.nanosec = True, 0, 0
+
+    def left_out(_topic: str, place: int, message: Any) -> bool:
+        return place >= 3 or not hasattr(message, "handshake")
+
+    recorded, recorded_without = rewritten(tmp_path / "a", handshakes), rewritten(tmp_path / "b", left_out)
+    found, expected = check(recorded), check(recorded_without)
+    assert (found.findings, found.events, found.blocks) == (expected.findings, expected.events, expected.blocks)
+    run, same = open_run(recorded), open_run(recorded_without)
+    assert (run.blocks, run.lost) == (same.blocks, same.lost) == (open_run(BAG).blocks - 3, 0)
+    for name, table in same.frames().items():
+        pd.testing.assert_frame_equal(run.frames()[name], table)
+    assert load_playback(recorded, ["*"]).items == load_playback(recorded_without, ["*"]).items
 
 
 def test_a_bag_in_sqlite3_is_read_and_one_that_is_damaged_is_one_line(

@@ -45,8 +45,9 @@ def stamp(data: bytes) -> int:
 
 
 def is_handshake(data: bytes) -> bool:
-    """Return the bool after the header of a message whose second field is `bool handshake`."""
-    return bool(data[16 + struct.unpack_from("<I", data, 12)[0]])
+    """Return the bool after the header of a message whose second field is `bool handshake`; one cut short has none."""
+    place = 16 + int.from_bytes(data[12:16], "little")
+    return data[1:2] == b"\x01" and data[place : place + 1] == b"\x01"
 
 
 def block_shape(data: bytes) -> BlockShape:

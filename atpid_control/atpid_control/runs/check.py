@@ -102,6 +102,16 @@ class _Check:
             if str(key).rsplit("/", 1)[-1] == "motor_node" and isinstance(given, Mapping):
                 self.limits.narrow(*(_number(given.get(name)) for name in ("lowest", "highest", "speed")))
 
+    def serialised(self, channel: Channel, kind: str, decoder: Decoder, data: bytes) -> None:
+        """Take a message of atpid_interfaces/msg/`kind` as it is in the file; a handshake carries nothing."""
+        try:
+            message = decoder.decode(channel.schema_id, data)
+        except BagError as error:
+            self.findings.add("message", f"{channel.topic}: {error}")
+        else:
+            if not getattr(message, "handshake", False):
+                self.message(channel.topic, kind, message)
+
     def message(self, topic: str, kind: str, message: Any) -> None:
         """Take a message of atpid_interfaces/msg/`kind`."""
         reason = check_as(kind, message)
@@ -201,14 +211,8 @@ def check(path: Path) -> Checked:
         if isinstance(record, Message):
             channel = channels[record.channel_id]
             kind = kinds.get(channel.schema_id, "")
-            if kind not in CHECKS:  # such as diagnostics and the log
-                continue
-            try:
-                message = decoder.decode(channel.schema_id, record.data)
-            except BagError as error:
-                state.findings.add("message", f"{channel.topic}: {error}")
-                continue
-            state.message(channel.topic, kind, message)
+            if kind in CHECKS:  # unlike diagnostics and the log
+                state.serialised(channel, kind, decoder, record.data)
         elif isinstance(record, Schema) and (kind := kind_of(record.name)):
             decoder.add(record)
             kinds[record.id] = kind

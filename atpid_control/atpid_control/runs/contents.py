@@ -14,6 +14,7 @@ from typing import Any
 from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 
 from atpid_common.message_checks import CHECKS, check_as
+from atpid_control.runs.cdr import is_handshake
 from atpid_control.runs.decode import Decoder
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import scans_of, stamp_of
@@ -46,6 +47,7 @@ class Contents:
         self._listed: Mapping[str, Any] = {}  # by metadata.yaml
         self._torn: list[str] = []
         self._foreign: dict[str, str] = {}  # topics that cannot be read: why
+        self._handshakes: set[str] = set()  # topics that may have them: another program records them as well
         self._counts = Counter[str]()  # messages by topic
         self._blocks: dict[str, tuple[int, bytes]] = {}  # the last of each topic in a file: definition and contents
         self._start_ns: int | None = None  # stamp of the first sample
@@ -87,7 +89,10 @@ class Contents:
                     yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
 
     def records(self) -> Iterator[tuple[Channel, Message]]:
-        """Yield the messages that can be decoded, each with its channel. Raises BagError where the bag is damaged."""
+        """Yield the messages that can be decoded, each with its channel, but no handshake, which carries nothing.
+
+        Raises BagError where the bag is damaged.
+        """
         channels: dict[int, Channel] = {}
         for place, file in enumerate(self._parts):
             ends, before = set[type](), self._counts.total()
@@ -97,7 +102,8 @@ class Contents:
                 if isinstance(record, Message):
                     channel = channel_of(record, channels)
                     self._count(channel, record)
-                    if channel.topic in self.types:
+                    topic = channel.topic
+                    if topic in self.types and not (topic in self._handshakes and is_handshake(record.data)):
                         yield channel, record
                 elif isinstance(record, Schema):
                     with suppress(BagError):  # of another program: its topics are left out
@@ -122,6 +128,8 @@ class Contents:
             kind = ""
         if channel.message_encoding == "cdr" and kind:
             self.types[channel.topic] = kind
+            if list(self.decoder.fields(kind, channel.schema_id))[:2] == ["header", "handshake"]:
+                self._handshakes.add(channel.topic)
             self.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
         else:
             given = channel.message_encoding
