@@ -265,7 +265,7 @@ NOT_RUN = {
     r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
     r"ros2 service call /supervisor_node/(rearm|stop)": "the wheels have no ros2; test_supervisor.py calls the service",
     r"ros2 service call /motor_node/rearm": "the wheels have no ros2; test_motor_node_serial.py calls the service",
-    r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
+    r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag( record)?$)": "the wheels have no ros2",
     r"ros2 param (set|describe|load)": "the wheels have no ros2",
     r"ros2 (run diagnostic_aggregator|pkg prefix)": "the wheels have neither; test_packages.py compares the analyzers",
 }
