@@ -22,7 +22,8 @@ from rosbags.rosbag2 import Reader
 from atpid_control.cli import main
 from atpid_control.recording.order import StampOrder
 from atpid_control.recording.session import Continuity
-from atpid_control.runs.cdr import block_shape, event, is_handshake, stamp, truth_shape
+from atpid_control.runs.cdr import block_shape, event, stamp, truth_shape
+from atpid_control.runs.decode import is_handshake
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the kernels are given of a scene: the system, and the contact law by its number with its parameters."""
 
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT, NAMES
-from atpid_sim.engine.meeting import Dampers
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array, System, reduced_mass
+
+if TYPE_CHECKING:
+    from atpid_sim.engine.meeting import Dampers
 
 
 class Contact(NamedTuple):
@@ -41,6 +44,9 @@ def systems_of(scene: Scene) -> list[System]:
 
 def dampers_of(scene: Scene) -> Dampers:
     """Return the dampers of a scene that has several, and the structure with them."""
+    from atpid_sim.contact import dispatch  # here, as the next: what needs the system alone starts without numba
+    from atpid_sim.engine.meeting import Dampers
+
     assert scene.modes is not None
     free, dampers, systems = np.vstack(scene.modes.free), scene.dampers, systems_of(scene)
     contacts = [contact_of(scene, system) for system in systems]
@@ -70,4 +76,6 @@ def contact_of(scene: Scene, system: System | None = None) -> Contact:
 
 def restitution_of(contact: Contact, speed: float, mass: float) -> float:
     """Return the restitution [-] of an impact at `speed` [m/s] with the reduced `mass` [kg]."""
+    from atpid_sim.contact import dispatch
+
     return float(dispatch.restitution(contact.law, float(speed), float(mass), contact.parameters))

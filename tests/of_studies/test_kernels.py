@@ -15,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 import atpid_sim.contact
 import atpid_sim.engine
 import studies.baselines
-from atpid_sim.contact import dispatch
+from atpid_sim.contact import dispatch, law_kernel
 from atpid_sim.kernel import KERNEL_SOURCES
 from studies.baselines.rhs import slope
 
@@ -30,7 +30,8 @@ def modules_of(package: ModuleType) -> list[ModuleType]:
 
 
 def kernels_of(module: ModuleType) -> set[Dispatcher]:
-    return {kernel for kernel in vars(module).values() if isinstance(kernel, Dispatcher)}
+    named = (value.compiled if isinstance(value, law_kernel.kernel) else value for value in vars(module).values())
+    return {kernel for kernel in named if isinstance(kernel, Dispatcher)}
 
 
 def sources_imported_by(module: ModuleType) -> Iterator[Path]:

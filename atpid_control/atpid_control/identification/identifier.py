@@ -14,7 +14,6 @@ from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
 from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
-from atpid_sim.plant.stream import stamp_ns
 from atpid_sim.system import Array
 
 #: Steady estimates differ by noise alone up to this many of their standard deviations.
@@ -207,14 +206,3 @@ class Identifier:
             return math.nan
         signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
         return half_peak_to_peak(signal, buffer.step, frequency)
-
-
-def last_stamp_ns(begin_ns: int, first_index: int, scans: int, rate: float) -> int:
-    """Return when a block's last scan was taken [ns]: the stream's start plus index over rate, rounded once.
-
-    begin_ns: stamp of its first scan; first_index: of that scan; scans: how many it has; rate [Hz].
-    """
-    if scans == 0 or not rate > 0.0:
-        return begin_ns
-    start = begin_ns - stamp_ns(0, first_index, rate)
-    return stamp_ns(start, first_index + scans - 1, rate)

@@ -30,12 +30,14 @@ from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.estimate import ACCELERATION
 from atpid_control.identification.excitation_kind import OtherExcitation
-from atpid_control.identification.identifier import last_stamp_ns
+from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.loop.signal_watch import SignalSettings
-from atpid_control.nodes.parameter_tables import IDENTIFIER, inverse_of
+from atpid_control.nodes.parameter_tables import IDENTIFIER
 from atpid_control.nodes.signal_faults import SignalFaults
+from atpid_sim.plant.stream import last_stamp_ns
+from atpid_sim.scene import load_scene
 
 LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
 
@@ -55,7 +57,7 @@ class IdentifierNode(Node):
         super().__init__("identifier_node", **node_options)
         self.parameters = LiveParameters(self, IDENTIFIER)
         self._names = (self.parameters["support_channel"], self.parameters["beam_channel"])
-        inverse = inverse_of(self.parameters.__getitem__)
+        inverse = _inverse_of(self.parameters.__getitem__)
         settings, rumble, timeout, signals = _settings(self.parameters.__getitem__)
         self.identifier = Identifier(settings, inverse)
         with announced(COMPILING, self.get_logger().info):
@@ -235,6 +237,18 @@ class _Progress:
         values["excitation"] = other.kind if other else "tone" if math.isfinite(self._latest.frequency) else "none"
         level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
+
+
+def _inverse_of(value: Value) -> ModelInverse | None:
+    """Return the model from beam to support, None where the support is measured.
+
+    Raises IdentificationError, SceneError.
+    """
+    if value("origin") == "support":
+        return None
+    if not value("scene"):
+        raise IdentificationError("scene: given none; allowed with origin beam: the scene file of the beam and damper")
+    return ModelInverse.of_scene(load_scene(value("scene")))
 
 
 def _settings(value: Value) -> Live:

@@ -9,12 +9,9 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from atpid_common.nodes.parameters import Entry, Value
-from atpid_control.identification import IdentificationError
-from atpid_control.identification.from_beam import ModelInverse
+from atpid_common.nodes.parameters import Entry
 from atpid_control.selection.registry import METHODS, plug_ins
 from atpid_control.supervision.limits import QUANTITIES
-from atpid_sim.scene import load_scene
 
 #: A parameter that may change while the node runs.
 _live = partial(Entry, live=True)
@@ -153,18 +150,6 @@ SUPERVISOR = (
     Entry("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
     Entry("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
 )  # fmt: skip
-
-
-def inverse_of(value: Value) -> ModelInverse | None:
-    """Return the model from beam to support, None where the support is measured.
-
-    Raises IdentificationError, SceneError.
-    """
-    if value("origin") == "support":
-        return None
-    if not value("scene"):
-        raise IdentificationError("scene: given none; allowed with origin beam: the scene file of the beam and damper")
-    return ModelInverse.of_scene(load_scene(value("scene")))
 
 
 def selector_table() -> tuple[Entry, ...]:

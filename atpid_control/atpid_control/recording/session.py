@@ -13,6 +13,7 @@ from atpid_common.vocabulary import EventKind
 from atpid_control.recording.order import StampOrder
 from atpid_control.recording.trigger import PreTrigger, Trigger
 from atpid_control.runs import cdr
+from atpid_control.runs.decode import is_handshake
 from atpid_control.runs.errors import BagError, MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
 from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, Topic
@@ -105,7 +106,7 @@ class RecordingSession:
         stamp_ns, node = cdr.stamp(data), ""
         if stamp_ns < 0:
             raise MessageError("its stamp is before 1970")
-        if kind.has_handshake and cdr.is_handshake(data):
+        if kind.has_handshake and is_handshake(data):
             return 0
         if kind.type == EVENT:
             node = self._follow_event(stamp_ns, data)

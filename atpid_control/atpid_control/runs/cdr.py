@@ -1,9 +1,9 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The few fields a recorder reads of a serialised message: stamp and handshake in place, the others decoded.
+"""The few fields a recorder reads of a serialised message: the stamp in place, the others decoded.
 
 Layout (XCDR1, little-endian, alignment counted after the 4-byte encapsulation header):
-stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters from 16.
+stamp.sec int32 at 4, stamp.nanosec uint32 at 8.
 """
 
 import struct
@@ -42,12 +42,6 @@ def stamp(data: bytes) -> int:
         raise MessageError("it is big-endian; this recorder reads little-endian CDR only")
     seconds, nanoseconds = _STAMP.unpack_from(data, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def is_handshake(data: bytes) -> bool:
-    """Return the bool after the header of a message whose second field is `bool handshake`; one cut short has none."""
-    place = 16 + int.from_bytes(data[12:16], "little")
-    return data[1:2] == b"\x01" and data[place : place + 1] == b"\x01"
 
 
 def block_shape(data: bytes) -> BlockShape:

@@ -20,7 +20,6 @@ from atpid_common.files import parse_yaml
 from atpid_common.injected_faults import Injected
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.vocabulary import EventKind, Severity
-from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.runs import check_rules as rules
 from atpid_control.runs.check_rules import Findings
 from atpid_control.runs.contents import kind_of
@@ -30,6 +29,7 @@ from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
 from atpid_control.runs.records import bag_records
 from atpid_control.runs.writer import LIBRARY
+from atpid_sim.plant.stream import last_stamp_ns
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 

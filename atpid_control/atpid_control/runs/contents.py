@@ -14,8 +14,7 @@ from typing import Any
 from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 
 from atpid_common.message_checks import CHECKS, check_as
-from atpid_control.runs.cdr import is_handshake
-from atpid_control.runs.decode import Decoder
+from atpid_control.runs.decode import Decoder, is_handshake
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.runs.metadata import FILE_NAME, RESULT, RUN, SCENE

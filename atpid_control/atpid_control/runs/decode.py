@@ -113,6 +113,15 @@ def _deserialised(data: bytes, name: str, store: Any) -> Any:
     return message
 
 
+def is_handshake(data: bytes) -> bool:
+    """Return the bool after the header of a message whose second field is `bool handshake`; one cut short has none.
+
+    The length of frame_id is a little-endian uint32 at 12, its characters, with a zero at their end, begin at 16.
+    """
+    place = 16 + int.from_bytes(data[12:16], "little")
+    return data[1:2] == b"\x01" and data[place : place + 1] == b"\x01"
+
+
 class Converter:
     """Serialises messages of one type anew. `missing`: fields the bag does not have, which keep their defaults;
     `moved`: those it has as `header.frame_id`; `dropped`: fields of the bag the installed type does not have.

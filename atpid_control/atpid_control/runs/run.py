@@ -32,12 +32,13 @@ from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
 from atpid_sim.results import Shown
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
-from atpid_sim.simulation.energy import Ledger, relative_residual
 from atpid_sim.system import Array
 
 if TYPE_CHECKING:  # they load slowly, and only tables of a run need them
     import pandas as pd
     import xarray as xr
+
+    from atpid_sim.simulation.energy import Ledger
 
 #: Channels of the laser; where a force drives the structure its load cell's is in place of the support's.
 SUPPORT, BEAM = DRIVES["support"].channel, "beam_displacement"
@@ -292,6 +293,8 @@ class Run(Shown):
     @cached_property
     def ledger(self) -> Ledger | None:
         """The plant's energy balance from its start to the end of the run; None of hardware."""
+        from atpid_sim.simulation.energy import Ledger, relative_residual
+
         fields, motion = self.messages("PlantTruth"), self.truth
         if motion is None:
             return None

@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
-from atpid_sim.kernel import kernel
 from atpid_sim.system import System
 
 

@@ -12,9 +12,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Share
-from atpid_sim.kernel import kernel
 from atpid_sim.system import System
 
 

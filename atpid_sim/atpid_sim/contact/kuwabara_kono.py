@@ -13,10 +13,10 @@ from pydantic import Field
 
 from atpid_sim.contact import hertz, linear
 from atpid_sim.contact.hertz import elastic_force
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, hertz_time, series_rebound
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
 from atpid_sim.fields import Damping
-from atpid_sim.kernel import kernel
 from atpid_sim.system import System
 
 

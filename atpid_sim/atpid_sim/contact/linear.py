@@ -13,9 +13,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.spec import ContactSpec, require_one
 from atpid_sim.fields import ContactStiffness, Damping, Share, impossible
-from atpid_sim.kernel import kernel
 from atpid_sim.root import root
 from atpid_sim.system import System, reduced_mass
 

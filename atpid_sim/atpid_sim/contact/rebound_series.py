@@ -19,7 +19,7 @@ so that every g from 0 to infinity lies in -1 <= s <= 1, and r goes from one kno
 
 import numpy as np
 
-from atpid_sim.kernel import kernel
+from atpid_sim.contact.law_kernel import kernel
 
 #: c_0, c_1, ... for a = 0.
 LEE_HERRMANN = np.array([

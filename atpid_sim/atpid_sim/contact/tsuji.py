@@ -13,10 +13,10 @@ from pydantic import Field
 
 from atpid_sim.contact import hertz
 from atpid_sim.contact.hertz import elastic_force
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.linear import damped_restitution
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
 from atpid_sim.fields import Number, within
-from atpid_sim.kernel import kernel
 from atpid_sim.system import System
 
 

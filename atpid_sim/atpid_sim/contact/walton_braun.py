@@ -15,9 +15,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from atpid_sim.contact.law_kernel import kernel
 from atpid_sim.contact.spec import ContactSpec, require_one
 from atpid_sim.fields import ContactStiffness, Number, Share, impossible
-from atpid_sim.kernel import kernel
 from atpid_sim.system import System
 
 #: Least restitution: there the contact unloads 10^8 times steeper than it loads.

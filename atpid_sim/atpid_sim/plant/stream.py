@@ -214,3 +214,14 @@ def samples_before(end: float, rate: float) -> int:
 def stamp_ns(start_ns: int, index: int, rate: float) -> int:
     """Return the instant [ns] of sample `index` at `rate` [Hz] after `start_ns`, rounded once, exact for any index."""
     return start_ns + round(Fraction(index * 1_000_000_000) / Fraction(rate))
+
+
+def last_stamp_ns(begin_ns: int, first_index: int, scans: int, rate: float) -> int:
+    """Return when a block's last scan was taken [ns]: the stream's start plus index over rate, rounded once.
+
+    begin_ns: stamp of its first scan; first_index: of that scan; scans: how many it has; rate [Hz].
+    """
+    if scans == 0 or not rate > 0.0:
+        return begin_ns
+    start = begin_ns - stamp_ns(0, first_index, rate)
+    return stamp_ns(start, first_index + scans - 1, rate)

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from atpid_common.latency import percentile
-from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.runs.run import Run
 from atpid_control.runs.tables import RECEIVED, STAMP
 from atpid_control.runs.topics import BLOCK
+from atpid_sim.plant.stream import last_stamp_ns
 
 #: Stages of the loop, from the last sample of a block on.
 STAGES = ("sample_to_block", "block_to_estimate", "estimate_to_command", "sample_to_command")
