@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     devices, moving = devices_of(args), 2 if args.excitation_config else 1
     parts = [*devices[:moving], SUPERVISOR, *devices[moving:], *_LOOP, *live_page.parts(args)]
     ros = RosOptions.of(args)
-    with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
+    with suppress(KeyboardInterrupt), stoppable(), tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder:
         file = Path(folder) / "parameters.yaml"
         parameters = _parameters(args, scene, parts, file)
         if all(math.isinf(parameters[SUPERVISOR.name].get(f"{name}_abort", math.inf)) for name in QUANTITIES):

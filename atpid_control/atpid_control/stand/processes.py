@@ -159,9 +159,15 @@ class Processes:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, in a shell's background jobs too, for an orderly end."""
+    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, in a shell's background jobs too, for an orderly end.
+
+    Until this is left the first one is the last: `ros2 launch` passes Ctrl-C on to a process that has received it from
+    the terminal, and a second one would tear that end.
+    """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
+        for number in ENDING_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     with _handled(interrupt):
