@@ -149,6 +149,23 @@ def test_a_signal_before_python_starts_ends_it_quietly(package: str, node: str, 
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
+def test_a_stand_that_receives_ctrl_c_often_while_it_starts_ends_quietly(
+    simulated: dict[str, Path], tmp_path: Path
+) -> None:
+    """From the terminal and passed on by `ros2 launch`."""
+    options = [f"--{name.replace('_', '-')}={file}" for name, file in simulated.items()]
+    command = ["atpid", "stand", str(SCENE), f"--map={HEIGHT_MAP}", *options]
+    with own_domain(), subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert "no abort level" in process.stderr.readline()
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.01)
+        assert (process.returncode, process.stderr.read()) == (0, "")
+
+
 @needs_launch
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_arguments_are_shown(name: str) -> None:
