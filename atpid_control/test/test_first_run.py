@@ -38,6 +38,15 @@ def _any_domain() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def stiff(tmp_path: Path) -> Path:
+    """The scene's beam nine times as stiff, so that what takes periods takes a third of the time."""
+    scene = beam(load_scene(SCENE), stiffness=9.0 * 427.6, damping=3.0 * 0.56).with_(amplitude=0.004)
+    path = tmp_path / "stiff.yaml"
+    path.write_text(yaml.safe_dump(scene.to_mapping()))
+    return path
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a first run on the simulated bench."""
@@ -100,9 +109,9 @@ def board_or_skip() -> None:
         pytest.fail(text) if os.environ.get("CI") == "true" else pytest.skip(text)
 
 
-def test_the_emulated_stand_unattended(tmp_path: Path) -> None:
+def test_the_emulated_stand_unattended(stiff: Path, tmp_path: Path) -> None:
     board_or_skip()
-    status = atpid(["first-run", str(SCENE), "--emulated-stand", "--yes", "--out", str(tmp_path / "out")])
+    status = atpid(["first-run", str(stiff), "--emulated-stand", "--yes", "--out", str(tmp_path / "out")])
     found = figures(tmp_path / "out")
     assert [row for row in found.values() if not row["right"]] == []
     assert status == 0
@@ -130,7 +139,7 @@ def test_a_person_is_asked_and_a_stand_needs_one(
 def devices(folder: Path) -> Iterator[tuple[list[str], dict[str, str]]]:
     """The stand's own nodes' devices: the emulated board, and a T7 whose two inputs have the same sine."""
     control = Control(folder / "device")
-    variables = environment(build(), ljm_control=control.path, ljm_source="sine:amplitude=0.2,offset=3,frequency=5.47")
+    variables = environment(build(), ljm_control=control.path, ljm_source="sine:amplitude=0.2,offset=3,frequency=16.41")
     motor, levels = folder / "motor.yaml", folder / "levels.yaml"
     usual = yaml.safe_load((ROOT / "atpid_driver/config/motor_serial.yaml").read_text())
     usual["/**/motor_node"]["ros__parameters"]["port"] = str(folder / "board")
@@ -142,11 +151,11 @@ def devices(folder: Path) -> Iterator[tuple[list[str], dict[str, str]]]:
     control.close()
 
 
-def test_the_stand_s_own_nodes_for_one_step(tmp_path: Path) -> None:
+def test_the_stand_s_own_nodes_for_one_step(stiff: Path, tmp_path: Path) -> None:
     board_or_skip()
     with devices(tmp_path) as (words, variables):
         code = "import sys; from atpid_control.cli import main; sys.exit(main(sys.argv[1:]))"
-        command = [sys.executable, "-c", code, "first-run", str(SCENE), "--out", str(tmp_path / "out"), *words]
+        command = [sys.executable, "-c", code, "first-run", str(stiff), "--out", str(tmp_path / "out"), *words]
         done = subprocess.run(command, input="s\ns\n\nq\n", capture_output=True, text=True, check=False, cwd=ROOT,
                               env=os.environ | variables)  # fmt: skip
     assert done.returncode == 1, done.stderr[-3000:]
