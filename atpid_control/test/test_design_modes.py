@@ -4,6 +4,7 @@
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from scipy.linalg import eigh
 
 from atpid_control.cli import main
+from atpid_control.design import make
 from atpid_control.design.make import promised
 from atpid_control.design.problem import (
     Problem,
@@ -180,7 +182,13 @@ def test_bad_input_is_one_line(given: list[str], line: str, tmp_path: Path, caps
 
 
 @pytest.mark.slow
-def test_the_page_has_modes_and_newtons(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_has_modes_and_newtons(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # words and files are looked at, for which two amplitudes and a coarse picture do
+    monkeypatch.setattr(make, "promised", partial(promised, amplitudes=2))
+    monkeypatch.setattr(make, "_FOR_TRADE", 2)
+    monkeypatch.setattr(make, "_LANDSCAPE", 4)
     (tmp_path / "bracket.yaml").write_text(BRACKET)
     options = ["--amplitudes", "15:30", "--max-mass-fraction", "0.05", "--out", str(tmp_path / "out")]
     assert main(["design", "--structure", str(tmp_path / "bracket.yaml"), *options]) == 0

@@ -35,7 +35,7 @@ def second(t: Array, frequency: float, share: float) -> Array:
 @pytest.mark.parametrize("decibels", [20.0, 57.0])
 @pytest.mark.parametrize(("frequency", "share"), [(2.2, 0.2), *product([3.9, 6.4, 7.1, 9.0], [0.2, 1.0])])
 def test_two_tones_are_named_within_three_seconds(frequency: float, share: float, decibels: float) -> None:
-    t = times(6.0)
+    t = times(4.5)
     late = [pair for pair in pushed(tone(t) + second(t, frequency, share), decibels) if pair[0].time > 3.0]
     assert all(estimate.quality == Quality.POOR for estimate, _ in late)
     found = late[-1][1]
@@ -57,7 +57,7 @@ def test_two_tones_that_grow_are_called_nothing_else_before(grows: float) -> Non
 
 def single() -> dict[str, Array]:
     """Return signals of one tone, whatever it does."""
-    t = times(8.0)
+    t = times(6.0)
 
     def phase(frequency: Array) -> Array:
         return AMPLITUDE * np.sin(2.0 * np.pi * np.cumsum(frequency) / RATE)

@@ -87,9 +87,10 @@ def test_a_report_and_the_summary_of_a_bench(changed: tuple[str, Path], tmp_path
 
 
 def test_every_reader_ends_and_names_it(
-    changed: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    changed: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, folder = changed
+    monkeypatch.setattr("atpid_control.commands.analyse.panels", lambda _found: ())  # drawn in the test of commands
     out = tmp_path / "out"
     for form in ("csv", "mat", "uff"):
         assert main(["bag", "export", str(folder), "--format", form, "--out", str(out / f"a.{form}")]) == 0
@@ -104,10 +105,11 @@ def test_every_reader_ends_and_names_it(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["several", "hole"])
-def test_the_commands_that_simulate(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_that_draw_and_simulate(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = str(rewritten(tmp_path / "bag", CHANGES[name])), tmp_path / "out"
     commands = {
-        "report": ["bag", "report", folder], "compare-bags": ["bag", "compare", folder, str(BAG)],
+        "analyse": ["bag", "analyse", folder], "report": ["bag", "report", folder],
+        "compare-bags": ["bag", "compare", folder, str(BAG)],
         "validate": ["bag", "validate", folder],
     }  # fmt: skip
     for command, words in commands.items():

@@ -100,7 +100,7 @@ def noisy(duration: float = 40.0, **changes: Any) -> Scene:
 
 def test_a_height_is_rated_as_a_run_is() -> None:
     """Every height under the same drive, that of `simulate`."""
-    scene = noisy()
+    scene = noisy(12.0)
     own = Realisation(scene)
     for height in (0.06, 0.12):
         run = simulate(scene.with_(height=height))
@@ -132,11 +132,11 @@ def test_what_lies_within_the_error_is_named_and_what_does_not_is_not() -> None:
 
 @pytest.mark.slow
 def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
-    scene = noisy(drive="force", further_modes=[SECOND], duration=50.0,
+    scene = noisy(drive="force", further_modes=[SECOND], duration=25.0,
                   excitation={"random": {"psd": [[2.0, 1.5], [12.0, 1.5]], "unit": "m^2/Hz"}})  # fmt: skip
     chosen, bare, _ = least_rms(scene)
     own = Realisation(scene)
-    scanned = [own.rated(float(height)).rms for height in np.linspace(0.02, 2.0 * chosen.height, 30)]
+    scanned = [own.rated(float(height)).rms for height in np.linspace(0.02, 2.0 * chosen.height, 20)]
     assert chosen.beam_amplitude <= 1.01 * min(scanned)
     assert chosen.efficiency > 0.2
     assert chosen.beam_amplitude < bare
@@ -160,7 +160,7 @@ def test_heights_keep_to_the_ceiling_s_range() -> None:
 
 def test_the_command_selects_by_rms_and_refuses_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tones = {"tones": [{"amplitude": 0.004, "frequency": 5.3}, {"amplitude": 0.003, "frequency": 5.9}]}
-    scene = scene_from_mapping(noisy(excitation=tones).to_mapping())
+    scene = scene_from_mapping(noisy(15.0, excitation=tones).to_mapping())
     file = tmp_path / "tones.yaml"
     file.write_text(scene.to_yaml())
     assert main(["select", str(file), "--method", "direct", "--json"]) == 0

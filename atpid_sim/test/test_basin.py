@@ -24,7 +24,7 @@ from atpid_sim.system import Array
 
 SCENES = Path(__file__).parents[2] / "scenes"
 #: Naive steps in a period of the support.
-STEPS = 120
+STEPS = 60
 
 
 def with_impacts(restitution: float, height: float, **changes: Any) -> Scene:
@@ -170,9 +170,8 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
 @pytest.mark.parametrize(
     ("scene", "starts", "least", "most"),
     [
-        (MIRRORED, Starts(None, 1.5), 0.4, 0.6),
+        (MIRRORED, Starts(0.5), 0.4, 0.6),
         (BISTABLE, Starts(None, 1.5), 0.85, 0.99),
-        (MONOSTABLE, Starts(1.0), 0.96, 1.0),
         (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.35, 0.5),
         (forced(MONOSTABLE).with_(further_modes=FURTHER), Starts(1.0), 0.96, 1.0),
     ],
@@ -231,7 +230,7 @@ def test_intervals_hold_the_share_for_forty_seeds() -> None:
 @pytest.mark.parametrize("share", [0.002, 0.1, 0.5, 0.98])
 def test_the_interval_covers_wherever_the_sampling_ends(share: float) -> None:
     covered, sizes = 0, set()
-    for seed in range(200):
+    for seed in range(100):
         came = np.cumsum(np.random.default_rng(seed).random(2000) < share, dtype=np.int64)
 
         def run(size: int, came: NDArray[np.int64] = came) -> int:
@@ -241,7 +240,7 @@ def test_the_interval_covers_wherever_the_sampling_ends(share: float) -> None:
         low, high = sampled(run, 0.04)
         assert high - low <= 0.08
         covered += low <= share <= high
-    assert covered >= 183  # 190 less 2.3 standard deviations
+    assert covered >= 90  # 95 less 2.3 standard deviations
     assert (max(sizes) < 200) == (share == 0.002)
 
 

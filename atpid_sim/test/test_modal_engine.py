@@ -83,7 +83,7 @@ def test_contacts_of_finite_duration(drive: str, modes: int) -> None:
     equations = Equations(scene)
     motion = solve_ivp(
         equations.derivative, (0.0, scene.duration), equations.start, "DOP853", own.time, rtol=1e-9, atol=1e-12,
-        max_step=2e-4,
+        max_step=5e-4,
     )  # fmt: skip
     beam = motion.y[:modes].sum(axis=0)
     assert len(own.impacts) > 5

@@ -53,7 +53,7 @@ def test_a_run_is_that_of_scipy_with_both_contacts_as_they_are(options: dict[str
     q, rates = closed.imag, p.omega * closed.real
     start = np.array([*q, *rates, q.sum(), rates.sum()])
     end = 9.0 * period
-    found = solve_ivp(slope, (0.0, end), start, method="DOP853", rtol=1e-9, atol=1e-11, max_step=2e-4,
+    found = solve_ivp(slope, (0.0, end), start, method="DOP853", rtol=1e-9, atol=1e-11, max_step=5e-4,
                       t_eval=np.linspace(end - 2.0 * period, end, 4001))  # fmt: skip
     low, high, *_ = damped_structure.integrate(p, start, height, -1.0, 1e-6, end, 2e-6, 2)
     beam = found.y[:count].sum(axis=0)

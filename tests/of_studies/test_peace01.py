@@ -9,16 +9,22 @@ import numpy as np
 import pytest
 
 from atpid_control.cli import main
+from atpid_sim.periodic import Branch
 from atpid_sim.scene import standard_bench
+from studies import peace01
 from studies.cli import main as studies
 from studies.peace01 import FIRST, HarmonicBalance, branch, checked, distance, second_mass, stopped
 from studies.steady.command import compare
 
 
-def test_published_benchmark() -> None:
+@pytest.fixture(scope="module")
+def curve() -> Branch:
+    return branch(stopped())
+
+
+def test_published_benchmark(curve: Branch) -> None:
     """NLvib's PEACE01 against scipy's integration, and as a curve against harmonic balance of 25 orders."""
     integration = stopped()
-    curve = branch(integration)
     ratios = np.array([motion.conditions.frequency / FIRST for motion in curve.motions])
     assert ratios[[0, -1]] == pytest.approx([0.8, 1.4], rel=1e-9)
     fold = next(each.motion for each in curve.bifurcations if each.loss.name == "FOLD")
@@ -45,7 +51,12 @@ def test_a_run_that_passes_another_motion_close_by_goes_on() -> None:
     assert one.same or not one.due
 
 
-def test_the_study_s_page_of_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_study_s_page_of_numbers(
+    curve: Branch, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(peace01, "branch", lambda _integration: curve)
+    monkeypatch.setattr(peace01, "_CHECKED", 2)
+    monkeypatch.setattr(peace01, "_STEP", 4.0 * peace01._STEP)
     assert studies(["peace01", "--order", "15"]) == 0
     printed = capsys.readouterr().out
     assert "return map" in printed
