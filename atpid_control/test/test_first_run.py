@@ -12,8 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from atpid_common.cli import Parser
 from atpid_control.cli import main as atpid
@@ -91,6 +93,15 @@ def test_a_beam_that_is_not_the_scene_s_is_named(simulated: Path, changed: dict[
     rows = [row for step in steps_of(expected)[:3] for row in rows_of(step, runs[step.name], expected)]
     assert {row.what for row in rows if not row.right} == differ
     assert all(row.remedy for row in rows)
+
+
+def test_the_panel_of_the_known_motion_shows_it(simulated: Path) -> None:
+    step, axes = steps_of(Expected(load_scene(SCENE)))[3], Figure().add_subplot()
+    first_run._draw(axes, step, open_run(simulated / step.name / "run/bag"))
+    begin, end = axes.get_xlim()
+    (ceiling,) = (line for line in axes.lines if line.get_label() == "ceiling [m]")
+    time, height = (np.asarray(values) for values in ceiling.get_data())
+    assert np.ptp(height[(begin <= time) & (time <= end)]) == pytest.approx(step.move, abs=0.01)
 
 
 def test_a_recording_of_something_else_is_named(simulated: Path) -> None:

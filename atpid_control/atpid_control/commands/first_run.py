@@ -143,6 +143,9 @@ def _draw(ax: Any, step: Step, run: Run) -> None:
     for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units, strict=True):
         moved = values - np.nanmedian(values)
         ax.plot(signals.time, moved, linewidth=0.7, label=f"{name.replace('_', ' ')} about its median [{unit}]")
-    if step.move:
+    begin = signals.time[0]
+    if step.move:  # before the first sample: homing and the known motion
+        known = np.isfinite(run.ceiling.height)
+        begin = min(begin, *run.ceiling.time[known])
         ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
-    ax.set(title=step.title, xlabel="time [s]", xlim=(signals.time[0], signals.time[-1]))
+    ax.set(title=step.title, xlabel="time [s]", xlim=(begin, signals.time[-1]))
