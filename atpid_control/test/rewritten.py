@@ -25,7 +25,7 @@ def rewritten(folder: Path, change: Change, source: Path = BAG) -> Path:
     folder.mkdir(parents=True)
     stores, topics, counts, kept = dict[int, tuple[Any, str]](), dict[int, Channel](), Counter[str](), Counter[str]()
     with (folder / file.name).open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, chunk_size=1 << 16)
         writer.start(profile="ros2", library="test")
         for record in records(file):
             if isinstance(record, Schema) and record.id not in stores:

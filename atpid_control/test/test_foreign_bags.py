@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of other recorders: closed without a result, with topics that cannot be decoded, in sqlite3; run folders."""
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -98,8 +99,13 @@ def test_handshakes_which_rosbag2_records_as_well_are_no_part_of_the_run(tmp_pat
     def handshakes(_topic: str, place: int, message: Any) -> None:
         if place < 3 and hasattr(message, "handshake"):
             message.handshake, message.header.stamp.sec, message.header.stamp.nanosec = True, 0, 0
+            if hasattr(message, "data"):
+                message.data = message.data[:0]
+        elif hasattr(message, "header"):
+            message.header.stamp.sec += 1_000
 
-    def left_out(_topic: str, place: int, message: Any) -> bool:
+    def left_out(topic: str, place: int, message: Any) -> bool:
+        handshakes(topic, place, message)
         return place >= 3 or not hasattr(message, "handshake")
 
     recorded, recorded_without = rewritten(tmp_path / "a", handshakes), rewritten(tmp_path / "b", left_out)
@@ -110,6 +116,10 @@ def test_handshakes_which_rosbag2_records_as_well_are_no_part_of_the_run(tmp_pat
     for name, table in same.frames().items():
         pd.testing.assert_frame_equal(run.frames()[name], table)
     assert load_playback(recorded, ["*"]).items == load_playback(recorded_without, ["*"]).items
+    (file,) = recorded.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    torn = open_bag(recorded, torn_ok=True)
+    assert any(re.search(r"damaged after \d\.\d+ s", line) for line in torn.missing), torn.missing
 
 
 def test_a_bag_in_sqlite3_is_read_and_one_that_is_damaged_is_one_line(

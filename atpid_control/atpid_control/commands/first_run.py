@@ -146,6 +146,6 @@ def _draw(ax: Any, step: Step, run: Run) -> None:
     begin = signals.time[0]
     if step.move:  # before the first sample: homing and the known motion
         known = np.isfinite(run.ceiling.height)
-        begin = min(begin, *run.ceiling.time[known])
+        begin = run.ceiling.time[known].min(initial=begin)
         ax.plot(run.ceiling.time, run.ceiling.height, linewidth=1.2, label="ceiling [m]")
     ax.set(title=step.title, xlabel="time [s]", xlim=(begin, signals.time[-1]))

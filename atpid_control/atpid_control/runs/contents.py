@@ -157,10 +157,10 @@ class Contents:
         return f"cut off or damaged after {after:.6g} s: read until sample {', '.join(samples)}"
 
     def _block(self, schema: int, data: bytes) -> Any:
-        """Return a block; None where it cannot be used."""
+        """Return a block; None where it cannot be used, or has no samples."""
         with suppress(BagError):
             block = self.decoder.decode(schema, data)
-            return block if len(block.channels) else None
+            return block if len(block.channels) and len(block.data) else None
         return None
 
 
