@@ -91,9 +91,13 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
             findings += [f"dark: {one}" for one in wrong(dark)]
         seen["running"] = look(dark)
         dark.click("#stop")
-        until(dark, "live.answer && live.state.motor.mode === 'disarmed'")
+        until(dark, "live.answer?.success && live.state.motor.mode === 'disarmed'")
         seen["findings"] = findings
         seen["stopped"] = look(dark) | {"answer": dark.text_content("#answer")}
+        dark.evaluate("live.stream.close()")
+        dark.click("#stop")
+        seen["unsent"] = dark.evaluate("live.answer.words")
+        until(dark, "live.answer.success")
         browser.close()
         return seen
 

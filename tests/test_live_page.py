@@ -201,6 +201,8 @@ def test_a_browser_draws_it_without_an_accessibility_finding(bench: Bench, tmp_p
     assert "Arm again" in seen["stopped"]["answer"]
     assert "Arm again" in seen["stopped"]["buttons"]
     assert not seen["stopped"]["over"]
+    # pressed without a connection, and done once there was one again
+    assert seen["unsent"] == "there is no connection: nothing was done yet; use the emergency stop"
 
 
 @pytest.mark.parametrize("motor", ["in the graph", "gone"])

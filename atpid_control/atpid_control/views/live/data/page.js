@@ -11,11 +11,12 @@ const SPAN = 5; // of the motion, at most [s]
 const DROPPED = 1013; // another page took this one's place: coming back would end that one
 const TRACES = 250, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
 const RECONNECT = 1000, SILENT = 1500, SURE = 4000, CLICK = 1000; // [ms]
+const LATE = 5000; // a stop pressed without a connection is sent where one comes within this time [ms]
 const HELD = "held by the operator";
 const find = (id) => document.getElementById(id);
-const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
+const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0, stream: null }); // also for tests
 const picture = new Picture(find("picture")), plots = new Plots(find);
-let stream = null, dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null, tone = null;
+let dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null, tone = null, late = 0;
 let drive = { name: "support", scale: 1e3, unit: "mm" }; // what is shown of it: its value [m or N] times scale, in unit
 
 const empty = () => {
@@ -29,11 +30,11 @@ empty();
 // the stream
 
 function connect() {
-  stream = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`);
-  stream.onopen = () => { live.connections++; lastMessage = performance.now(); };
-  stream.onmessage = (event) => { lastMessage = performance.now(); receive(JSON.parse(event.data)); };
-  stream.onclose = (event) => {
-    stream = null;
+  live.stream = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`);
+  live.stream.onopen = () => { live.connections++; lastMessage = performance.now(); if (late) ask({ do: "stop" }); };
+  live.stream.onmessage = (event) => { lastMessage = performance.now(); receive(JSON.parse(event.data)); };
+  live.stream.onclose = (event) => {
+    live.stream = null;
     if (event.code === DROPPED) dropped = event.reason;
     else setTimeout(connect, RECONNECT);
   };
@@ -148,7 +149,7 @@ function measured(value, deviation, factor, unit) {
 const share = (found) => (known(found.now) ? `${percent(found.now)}; ${percent(found.mean)}` : "–");
 
 function words() {
-  const open = stream !== null && stream.readyState === 1 && performance.now() - lastMessage < SILENT;
+  const open = live.stream !== null && live.stream.readyState === 1 && performance.now() - lastMessage < SILENT;
   const state = live.state, ended = Boolean(open && state?.finished), fault = state?.motor.mode === "fault";
   const off = state ? notWell(state) : "", problem = open && state ? lost(state) : "";
   const closed = dropped ? `Closed: ${dropped}; reload this page to have it back` : "No connection to the live page's node: nothing here is up to date; trying again";
@@ -225,12 +226,20 @@ function show(event) {
 // the operator
 
 function ask(request) {
-  if (stream === null || stream.readyState !== 1) {
-    const stop = request.do === "stop" ? "; use the emergency stop" : "";
-    return answer(false, `there is no connection: nothing was done${stop}`);
+  if (live.stream === null || live.stream.readyState !== 1) {
+    if (request.do !== "stop") return answer(false, "there is no connection: nothing was done");
+    clearTimeout(late);
+    late = setTimeout(giveUp, LATE);
+    return answer(false, "there is no connection: nothing was done yet; use the emergency stop");
   }
+  if (request.do === "stop") { clearTimeout(late); late = 0; }
   text("answer", "…", false);
-  stream.send(JSON.stringify({ number: number++, ...request }));
+  live.stream.send(JSON.stringify({ number: number++, ...request }));
+}
+
+function giveUp() {
+  late = 0;
+  answer(false, `no connection within ${LATE / 1000} s: nothing was done; use the emergency stop`);
 }
 
 function answer(success, words) {
