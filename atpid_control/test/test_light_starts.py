@@ -18,6 +18,12 @@ def test_it_is_imported_without_numba(module: str) -> None:
     assert done.stdout.strip() == "set()"
 
 
+def test_a_report_is_made_without_the_slowest_import_of_all() -> None:
+    text = "import sys, atpid_control.stand.summary; print({'scipy.signal', 'scipy.stats'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
 def test_the_identifier_of_the_support_loads_no_simulation() -> None:
     text = "import sys, atpid_control.nodes.identifier_node; print('atpid_sim.engine' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)

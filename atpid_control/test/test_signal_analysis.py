@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from made_signals import RATE, noise, tone
 from recorded import block
-from scipy.signal import lfilter
+from scipy.signal import csd, get_window, lfilter
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, spectrum
 from atpid_control.analysis.decrement import find_decay
+from atpid_control.analysis.spectra import averaged
 from atpid_control.cli import main
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.writer import BagWriter
@@ -42,6 +43,20 @@ def test_white_noise_has_the_density_of_its_variance() -> None:
     assert ratio.mean() == pytest.approx(1.0, abs=0.01)
     assert ratio.std() == pytest.approx(1.0 / math.sqrt(found.averages), rel=0.15)
     assert found.rms == pytest.approx(0.01, rel=0.01)
+
+
+@pytest.mark.parametrize("window", ["hann", "boxcar", "flattop"])
+@pytest.mark.parametrize("length", [586, 587])
+def test_spectra_are_those_of_scipy(window: str, length: int) -> None:
+    """Of signals with a mean, which is taken from each segment; a tone both have tells the sign of the phase."""
+    one, other = (0.3 + noise(5003, seed, 1.0) + tone(20.0, 2.0, 5.003, seed) for seed in (1, 2))
+    found = averaged(one, other, RATE, RATE / length, window)
+    shape, overlap = get_window(window, length), 0 if window == "boxcar" else length // 2
+    for made, (x, y) in zip((found.first, found.cross), ((one, one), (one, other)), strict=True):
+        frequency, density = csd(x, y, RATE, window, length, overlap)
+        np.testing.assert_allclose(made, density, rtol=1e-9, atol=1e-12 * np.abs(density).max())
+        np.testing.assert_allclose(found.frequency, frequency, rtol=1e-12)
+    assert found.enbw == pytest.approx(RATE * np.sum(shape**2) / np.sum(shape) ** 2, rel=1e-12)
 
 
 def test_nothing_is_computed_over_a_gap() -> None:

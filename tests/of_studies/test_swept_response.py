@@ -61,8 +61,8 @@ def test_a_sweep_and_a_shock_pass_once_and_what_repeats_does_not() -> None:
     sweep = np.sin(2.0 * math.pi * (4.0 * time + 0.02 * time**2))
     shock = np.where(time < 0.02, 1.0, 0.0) + noise(60_000, 1, 1e-4)
     steps = tone(5.0, 1.0, 60.0) * np.where(time < 30.0, 1.0, 2.0)
-    assert [passes_once(one, RATE) for one in (sweep, shock)] == [True, True]
-    assert [passes_once(one, RATE) for one in (steps, noise(60_000, 2), tone(5.0, 1.0, 60.0))] == [False] * 3
+    assert [passes_once(one) for one in (sweep, shock)] == [True, True]
+    assert [passes_once(one) for one in (steps, noise(60_000, 2), tone(5.0, 1.0, 60.0))] == [False] * 3
 
 
 def test_a_gap_leaves_its_longest_part_and_is_named() -> None:

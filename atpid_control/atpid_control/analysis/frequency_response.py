@@ -130,7 +130,7 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
     given, answer = (one[begin:end] for one in (signals.excitation, signals.response))
     moves = end - begin > _TONE * FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
-    if moves and (window == "local" or (not window and not resolution and passes_once(given, signals.rate))):
+    if moves and (window == "local" or (not window and not resolution and passes_once(given))):
         return _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
     window = window if window not in ("", "local") else "hann"
     found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)

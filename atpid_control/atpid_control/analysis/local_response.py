@@ -9,8 +9,8 @@ support is such a quotient, so that no peak is flattened and no window needed; t
 """
 
 import numpy as np
-from scipy.signal import periodogram
 
+from atpid_control.analysis.spectra import transform, window_of
 from atpid_sim.system import Array
 
 #: Degree of the polynomials; lines on either side of the middle one; bands that are looked at, at most.
@@ -22,13 +22,14 @@ FREEDOM = 2 * _SIDE + 1 - (3 * _DEGREE + 2)
 _LIKE, _AT_REST = 0.3, 1e-3
 
 
-def passes_once(excitation: Array, rate: float) -> bool:
+def passes_once(excitation: Array) -> bool:
     """Whether the parts of a signal (n,) without gaps have other spectra, or one alone moves: a sweep, a shock."""
     count = len(excitation) // 4
     if count < 64:
         return False
     quarters = (excitation[: 4 * count] - excitation.mean()).reshape(4, count)
-    powers = np.array([periodogram(one, rate, "hann")[1] for one in quarters])
+    shape = window_of("hann", count)
+    powers = np.array([np.abs(transform(one, shape)) ** 2 for one in quarters])
     strongest = int(np.argmax(powers.sum(axis=1)))
     one, others = powers[strongest], np.delete(powers, strongest, axis=0).mean(axis=0)
     like = float(one @ others) / max(float(np.linalg.norm(one) * np.linalg.norm(others)), 1e-300)
