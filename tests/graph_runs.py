@@ -82,7 +82,7 @@ def without_domain() -> dict[str, str]:
 
 
 def wait_until(
-    happened: Callable[[], bool], process: subprocess.Popen[str] | None = None, timeout: float = 100.0
+    happened: Callable[[], bool], process: subprocess.Popen[Any] | None = None, timeout: float = 100.0
 ) -> None:
     """Wait for an event; fail when it does not come, or when `process` ends without it."""
     pause, deadline = threading.Event(), time.monotonic() + timeout

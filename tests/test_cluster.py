@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps and studies on a Dask cluster: two workers, one of which is killed, give what this machine gives."""
 
+import json
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import distributed
 import numpy as np
 import pytest
+from graph_runs import wait_until
 
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
@@ -26,32 +27,30 @@ SCENE = ROOT / "scenes/standard.yaml"
 AMPLITUDES = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def dask(role: str, *arguments: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "distributed.cli." + role, *arguments]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 @pytest.fixture
-def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """A scheduler and two workers on the loopback: its address and the workers' processes."""
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show")]
+    file = tmp_path / "scheduler.json"  # a port that the system chooses: one that is free now may be another's by then
+    on = ["--scheduler-file", str(file)]
     options = ["--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    processes += [dask("dask_worker", address, *options) for _ in range(2)]
-    with ExitStack() as ends:
-        for process in processes:
-            ends.callback(process.wait)
-            ends.callback(process.kill)
+    quiet = ["--port", "0", "--no-dashboard", "--no-show"]
+    processes = [dask("dask_scheduler", "--host", "127.0.0.1", *quiet, *on)]
+    try:
+        wait_until(lambda: file.is_file() and file.read_text().endswith("}"), processes[0])
+        address = json.loads(file.read_text())["address"]
+        processes += [dask("dask_worker", *options, *on) for _ in range(2)]
         with distributed.Client(address, timeout=100.0, set_as_default=False) as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(2, timeout=100)
         yield address, processes[1:]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 @pytest.mark.slow
@@ -118,9 +117,9 @@ def test_a_study_on_a_cluster_has_the_same_rows(
 @pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
-    with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
-        build_map(
-            load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz",
-            workers=Workers(cluster=f"tcp://127.0.0.1:{free_port()}"),
-        )  # fmt: skip
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        workers = Workers(cluster=f"tcp://127.0.0.1:{nobody.getsockname()[1]}")
+        with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
+            build_map(load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz", workers=workers)
     assert "\n" not in str(caught.value)

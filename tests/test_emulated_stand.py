@@ -8,10 +8,14 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from graph_runs import scene_file, without_domain
 
+from atpid_control.analysis.signals import signals_of
+from atpid_control.runs.run import open_run
 from atpid_driver.emulator import missing_tools
+from atpid_sim.scene import load_scene
 
 pytestmark = pytest.mark.slow
 
@@ -44,3 +48,5 @@ def test_the_emulated_stand_damps_as_the_simulated_bench_does(scenes: Path, tmp_
     assert seen["identified_amplitude"] == pytest.approx(0.015, rel=0.01)
     assert seen["efficiency"] == pytest.approx(expected["efficiency"], abs=0.03)
     assert emulated["lost_scans"] == 0
+    first = signals_of(open_run(tmp_path / "emulated" / "bag"))[0].response[:100]
+    assert np.ptp(first) < 0.5 * load_scene(path).static_deflection  # no step where the plant takes over from the feed

@@ -44,7 +44,7 @@ def test_the_plants_metres_come_back_through_the_device(
     plant = bench.peer.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
     answers: list[CeilingState] = []
     bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
-    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS, noise=0.0)
+    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS, noise=0.0, rest=[0.0, -8.25e-3])
     bench.until(lambda: plant.get_subscription_count())
     plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
     library = str(build() / "libLabJackM.so")
@@ -52,6 +52,8 @@ def test_the_plants_metres_come_back_through_the_device(
     values["frozen_time"] = 600.0  # without noise a body at rest is a frozen sensor
     bench.start(LabJackNode, **values, library=library, handshake=False)
     bench.until(lambda: bench.blocks)  # a body at rest
+    at_rest = np.frombuffer(bench.blocks[-1].data).reshape(-1, 2)
+    np.testing.assert_allclose(at_rest, np.tile([0.0, -8.25e-3], (len(at_rest), 1)), atol=1e-12)
     assert not answers  # no handshake is passed on before the device streams
     while not answers:
         plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
@@ -121,6 +123,11 @@ def test_another_file_in_the_feeds_place_stays(tmp_path: Path) -> None:
 def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:
     with pytest.raises(DriverError, match="feed_node needs"):
         bench.start(FeedNode, calibrations=CALIBRATIONS)
+
+
+def test_a_reading_at_rest_for_another_number_of_channels_is_refused(bench: Bench, tmp_path: Path) -> None:
+    with pytest.raises(DriverError, match="allowed: one number, or one for each of 2 calibrations"):
+        bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS, rest=[0.0, 0.0, 0.0])
 
 
 def test_a_file_that_is_no_feed_is_neither_replaced_nor_removed(bench: Bench, tmp_path: Path) -> None:

@@ -90,9 +90,11 @@ def test_the_second_of_two_ends_with_one_line_and_the_first_goes_on(
 ) -> None:
     with started(tmp_path):
         start_down(stand)
-        second = subprocess.run(words(tmp_path), capture_output=True, text=True, timeout=100.0, check=False)
+        second = subprocess.Popen(words(tmp_path), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        # commanded all the while: a ceiling without commands is stopped, and the second may take long to start
+        stand.until(lambda: second.poll() is not None, lambda: stand.command(0.1, 1.0))
         assert second.returncode == 2
-        (line,) = second.stderr.strip().splitlines()
+        (line,) = second.communicate()[1].strip().splitlines()
         assert line.startswith("error: /motor_node is already running")
         stand.states.clear()
         stand.until(lambda: stand.states)

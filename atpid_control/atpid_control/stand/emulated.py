@@ -75,7 +75,8 @@ def parameters_emulated(
     if scene.drive == "force":
         sampled["calibrations"] = [str(_load_cell(scene, place)), _CALIBRATIONS[1]]
     parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
-    parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
+    rest = [0.0, scene.initial_deflection - scene.static_deflection]
+    parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND, "rest": rest} | sampled
     excited = (EXCITATION,) if scene.excitation.is_commanded else ()
     if excited:
         own = (given or {}).get(EXCITATION.name, {})

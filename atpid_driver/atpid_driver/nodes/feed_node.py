@@ -53,6 +53,7 @@ PARAMETERS = (
         0.0,
         1.0,
     ),
+    Entry("rest", [0.0], "reading of each channel until the plant moves it; one entry stands for all", "m or N"),
     Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
     *EXCITER,
@@ -82,7 +83,7 @@ class FeedNode(Node):
         subscribe(self, SampleBlock, "sensors/laser", self._on_device, BLOCKS)
         subscribe(self, SampleBlock, values["topic"], self._on_block, BLOCKS)
         subscribe(self, Event, "events", self._on_event, EVENTS)
-        self._last = np.zeros(len(self._calibrations))  # where the body rests [m]
+        self._last = np.broadcast_to(self._rest, len(self._calibrations))
         self._began, self._idle = time.monotonic(), 0
         self._missing = 0  # scans of the plant that did not arrive
         self._timer = self.create_timer(IDLE_S, self._feed_idle, clock=STEADY)
@@ -96,6 +97,10 @@ class FeedNode(Node):
         self._path = Path(values["feed"])
         _check_replaceable(self._path)
         self._calibrations = calibrations_of(values)
+        self._rest = np.array(values["rest"])
+        if len(self._rest) not in (1, len(self._calibrations)):
+            allowed = f"one number, or one for each of {len(self._calibrations)} calibrations"
+            raise DriverError(f"rest: given {values['rest']}; allowed: {allowed}")
         self._rate, self._noise = float(values["rate"]), float(values["noise"])
         return Feed(self._path, len(self._calibrations), self._rate)
 

@@ -213,6 +213,13 @@ class SceneValues(SceneBlock):
             return -float(resting(self.modes.joined).sum())
         return self.total_mass * self.gravity / self.beam.stiffness
 
+    @property
+    def initial_deflection(self) -> float:
+        """Where the beam is as a run begins, from its rest [m]."""
+        if self.excitation.is_free:
+            return self.excitation.deflection
+        return self.initial.displacement if self.initial is not None else 0.0
+
     def linear_amplitude(self, amplitude: float, frequency: float | None = None, *, grain: bool) -> float:
         """Return the steady amplitude [m] of the structure with the grain held, or without the damper.
 

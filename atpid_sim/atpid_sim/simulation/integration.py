@@ -180,8 +180,7 @@ class Integration:
             state.restart_steps()
             self.disturb(state, disturbance * max(abs(state.beam), self.scene.grain.radius))
             return state
-        excitation, initial = self.scene.excitation, self.scene.initial or Initial()
-        deflection = excitation.deflection if excitation.is_free else initial.displacement
+        initial, deflection = self.scene.initial or Initial(), self.scene.initial_deflection
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
         modes = self.resting_modes
