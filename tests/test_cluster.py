@@ -115,11 +115,17 @@ def test_a_study_on_a_cluster_has_the_same_rows(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("listens", [False, True])
+def test_a_scheduler_that_does_not_answer_is_one_line(
+    listens: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Nobody listens there, or something else that says nothing."""
     monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
-    with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))  # and does not listen
-        workers = Workers(cluster=f"tcp://127.0.0.1:{nobody.getsockname()[1]}")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        if listens:
+            other.listen()
+        workers = Workers(cluster=f"tcp://127.0.0.1:{other.getsockname()[1]}")
         with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
             build_map(load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz", workers=workers)
     assert "\n" not in str(caught.value)

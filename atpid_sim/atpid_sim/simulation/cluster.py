@@ -6,8 +6,10 @@ Optional: needs `dask[distributed]` on every machine. The cluster owns schedulin
 is done by another.
 """
 
+import asyncio
 import importlib
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from atpid_common.errors import InputError, extras
@@ -34,8 +36,10 @@ def on_cluster(
     with extras("--cluster", ClusterError):
         distributed: Any = importlib.import_module("distributed")
     try:
+        with ThreadPoolExecutor(1) as beside:  # where an event loop may run already, as in a notebook
+            beside.submit(asyncio.run, _greeted(distributed, address)).result()
         client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
         raise ClusterError(
             f"--cluster: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
             "start one with `dask scheduler`, or leave the option out"
@@ -52,3 +56,9 @@ def on_cluster(
                     raise ClusterError(lost) from None
         finally:
             client.cancel(list(futures))
+
+
+async def _greeted(distributed: Any, address: str) -> None:
+    """Wait for a scheduler's greeting: a client would wait for it for ever where something else listens."""
+    greeted = await asyncio.wait_for(distributed.comm.connect(address, timeout=_CONNECT_TIMEOUT), _CONNECT_TIMEOUT)
+    await greeted.close()
