@@ -1,9 +1,13 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is logged while the nodes start reaches the operator, also where a busy machine delivers it late."""
+"""What is logged while the nodes start reaches the operator, also where a busy machine delivers it late; and Ctrl-C."""
 
+import os
+import signal
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import rclpy
@@ -13,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import STATES
-from atpid_control.stand.nodes.composition import ROSOUT, BenchWatch
+from atpid_control.stand.nodes.composition import ROSOUT, BenchWatch, _uninterrupted
 
 
 @pytest.fixture
@@ -66,3 +70,16 @@ def test_a_warning_of_before_the_first_estimate_is_reported_once_and_later_ones_
     logs.publish(log("the last", begin))
     until_answered("the last")
     assert lines == ["replay_node: of the start", "replay_node: the last"]
+
+
+def test_a_signal_that_comes_after_a_turn_has_looked_for_one_is_not_lost() -> None:
+    """Turns follow each other hundreds of times a second, so that a signal comes there once in a hundred times."""
+    executor: Any = SimpleNamespace(spin_once=lambda timeout_sec: None)
+
+    def turned() -> None:
+        with _uninterrupted(executor) as turn:
+            turn(0.0)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        turned()

@@ -5,8 +5,12 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -64,6 +68,34 @@ class Interrupt:
         sys.unraisablehook = self._hook_before
         for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
             signal.signal(number, before)
+
+
+@contextmanager
+def waking(wake: Callable[[], None]) -> Iterator[None]:
+    """Call `wake`, in another thread, at each signal: Python's handlers wait for the main thread, which waits in C.
+
+    Elsewhere than in the main thread, which alone handles signals, nothing is called.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    thread = threading.Thread(target=_wake_by, args=(read, wake), name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(write)
+        thread.join()
+        os.close(read)
+
+
+def _wake_by(read: int, wake: Callable[[], None]) -> None:
+    while os.read(read, 64):
+        wake()
 
 
 def run_executable(module: str) -> int:

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The executor of the nodes calls all that rclpy's calls, and makes the set that it waits on once."""
 
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -21,6 +24,7 @@ from rclpy.task import Future
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
+from atpid_common.interrupt import Interrupt, waking
 from atpid_common.nodes.turns import TurnExecutor
 
 pytestmark = pytest.mark.slow
@@ -249,3 +253,18 @@ def test_a_callback_that_awaits_goes_on_when_what_it_awaits_is_there(pair: Pair)
     answer.set_result("answered")
     pair.until(lambda: len(order) == 2)
     assert order == ["asked", "answered"]
+
+
+def test_a_signal_ends_the_wait_at_once(pair: Pair) -> None:
+    """Without anything that wakes the executor Python would call the handler after the wait of 100 s."""
+    for node in (pair.node, pair.peer):
+        pair.executor.remove_node(node)
+    with Interrupt() as interrupt, waking(pair.executor.wake):
+        interrupt.defer()
+        begun = time.monotonic()
+        sent = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        sent.start()
+        while not interrupt.received:
+            pair.executor.spin_once(timeout_sec=100.0)
+        sent.join()
+    assert time.monotonic() - begun < 50.0

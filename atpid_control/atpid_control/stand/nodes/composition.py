@@ -148,6 +148,8 @@ def _uninterrupted(executor: Executor) -> Iterator[Callable[[float], None]]:
                 raise KeyboardInterrupt
 
         yield turn
+    if interrupt.received:  # after the last look, before the former handlers were back
+        raise KeyboardInterrupt
 
 
 def _follow(plant: Any, follow: Follow | None, calls: Sequence[tuple[float, str]]) -> list[tuple[float, Any]]:

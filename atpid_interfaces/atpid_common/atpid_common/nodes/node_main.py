@@ -25,7 +25,7 @@ from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from atpid_common.errors import BAD_INPUT, DONE, AtpidError
-from atpid_common.interrupt import Interrupt
+from atpid_common.interrupt import Interrupt, waking
 from atpid_common.middleware import confine, named_domain
 from atpid_common.nodes.clock_step import ClockStepWatch
 from atpid_common.nodes.leaving import leaving
@@ -164,7 +164,7 @@ def _spin(node: Node, interrupt: Interrupt, gather: float) -> int:
     inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
     gc.collect()
     gc.freeze()
-    with ClockStepWatch(node, executor):
+    with ClockStepWatch(node, executor), waking(executor.wake):
         while not (done and done.done()) and not interrupt.received:
             executor.spin_once(timeout_sec=TURN)
     executor.shutdown()
@@ -182,7 +182,8 @@ def command_node(make: Callable[[], N], *words: str) -> Iterator[tuple[N, TurnEx
         node, executor = make(), TurnExecutor()
         executor.add_node(node)
         try:
-            yield node, executor
+            with waking(executor.wake):
+                yield node, executor
         finally:
             executor.shutdown()
             with leaving(FAILED):
