@@ -42,6 +42,7 @@ html_theme = "furo"
 html_title = "ATPID"
 html_static_path = ["_site/static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 templates_path = ["_site/templates"]
 html_sidebars = {
     "**": [

@@ -10,7 +10,7 @@ from atpid_driver.emulator import missing_tools
 from studies.exciter_stops import ALL, measured
 
 pytestmark = pytest.mark.slow
-#: What a machine with other work may add to a time that is allowed [s].
+#: What a machine with other work may add to a time that is allowed, and to that between two looks at the voltage [s].
 BUSY = 0.3
 
 
@@ -23,4 +23,4 @@ def test_a_stop_and_kills_end_with_the_output_off() -> None:
     seen = measured([way for way in ALL if way.name in names])
     assert {way.name for way, _ in seen} == set(names)
     for way, off in seen:
-        assert 0.0 < off <= way.allowed + BUSY, way.name
+        assert -BUSY < off <= way.allowed + BUSY, way.name
