@@ -119,7 +119,7 @@ def test_a_study_on_a_cluster_has_the_same_rows(
 def test_a_scheduler_that_does_not_answer_is_one_line(
     listens: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Nobody listens there, or something else that says nothing."""
+    """Nothing listens there, or something else that never answers."""
     monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

@@ -3,7 +3,7 @@
 """Steps of the wall clock while a node spins: the executor is woken, and the step is logged.
 
 The middleware of the wheels waits until a time of the wall clock, so a wait that is under way while the clock is set
-back lasts longer by the step, and timers on the steady clock and signals wait with it. Later waits are right.
+back lasts longer by the step, and timers on the steady clock wait with it. Later waits are right.
 """
 
 import threading
