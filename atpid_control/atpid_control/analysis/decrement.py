@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import curve_fit
 
 from atpid_control.analysis.signals import AnalysisError, runs
 from atpid_sim.analysis import decrements
@@ -81,6 +80,8 @@ def free_decay(beam: Array, rate: float, start: float = 0.0) -> Decay:
     """
     if len(beam) < 16 or not np.isfinite(beam).all():
         raise AnalysisError("a decay needs 16 samples without a gap; choose the part with --from and --to")
+    from scipy.optimize import curve_fit  # here, since a report without a decay does not need it, and it loads slowly
+
     time = np.arange(len(beam)) / rate
     guess = _guess(beam, rate)
     periods = guess[1] * time[-1] / (2.0 * math.pi)
@@ -151,6 +152,8 @@ def _not_viscous(time: Array, beam: Array, found: Array) -> list[str]:
 
     `found`: the fit of the whole.
     """
+    from scipy.optimize import curve_fit
+
     sigma, omega, cosine, sine, offset = (float(value) for value in found)
     at = int(np.searchsorted(time, min(0.5 * time[-1], _LARGE / sigma if sigma > 0.0 else math.inf)))
     ratios = []

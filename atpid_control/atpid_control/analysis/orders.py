@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_sim.system import Array
@@ -22,6 +21,8 @@ _OFF = 0.05
 #: Change of the excitation's frequency from half to half, times the duration, from which it is named [-]: order 1 then
 #: loses 0.1 % of its amplitude, order 6 4 %.
 _DRIFT = 0.1
+#: Share of a bracket that a step of the golden section keeps [-].
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Samples fitted at once.
 _PIECE = 1 << 16
 #: Parts in which the residual is summed beside each order, and lines on either side of it that give its density.
@@ -121,7 +122,11 @@ def tone_of(values: Array, rate: float) -> float:
         return _fit(time, part, frequency, 1)[1]
 
     low, high = max(0.25, place - 1.0) * step, (place + 1.0) * step
-    return float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-7 * high}).x)
+    # by golden section: the import of scipy.optimize would take longer than the rest of a report's analysis
+    while high - low > 1e-7 * high:
+        inner = _GOLDEN * (high - low)
+        low, high = (low, low + inner) if left(high - inner) < left(low + inner) else (high - inner, high)
+    return 0.5 * (low + high)
 
 
 def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int, float]:

@@ -8,12 +8,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from atpid_control.design.problem import Problem, cases, drawn_frequencies
 from atpid_control.design.worst_case import Interval, Point, response_of
 from atpid_sim.maps import ALL_APPROACHES
 from atpid_sim.maps.approaches import at_once
+from atpid_sim.maps.curves import monotone
 from atpid_sim.robust import Response, inside
 
 #: Structures drawn at each amplitude, half of them corners of the box, and the seed of the first.
@@ -37,7 +37,8 @@ def between(points: Sequence[Point]) -> list[float]:
 
 def height_at(points: Sequence[Point], amplitude: float) -> float:
     """Return the design height [m] at a support amplitude [m] within the points: that of the height map."""
-    return float(PchipInterpolator([p.amplitude for p in points], [p.height for p in points])(amplitude))
+    curve = monotone(np.array([p.amplitude for p in points]), np.array([p.height for p in points]))
+    return float(curve(amplitude))
 
 
 def interval_at(points: Sequence[Point], amplitude: float, name: str = "efficiency") -> Interval:
