@@ -49,8 +49,9 @@ test-fast: setup ## the same without the slow tests, while working
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
 
 .PHONY: fuzz
-fuzz: setup ## 10^4 hostile files to each parser and command lines, 10^5 messages to each node, 10^6 requests (hours)
-	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz tests/test_hostile_messages.py
+fuzz: setup ## every test at full length: 10^4 hostile files to each parser, 10^5 messages to each node, all draws (hours)
+	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load \
+	    $$(grep -rl --include='test_*.py' 'get_current_profile_name() == "long"' tests atpid_*)
 
 .PHONY: mutations
 mutations: setup ## make each listed change of the safety path in a copy and run the tests that must fail (ONLY=, JOBS=)
@@ -135,6 +136,13 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 	apt-get update -q
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends \
 	    gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev
+
+.PHONY: cpp
+cpp: setup ## build the messages for C++ too, which `ros2 bag`, built beside the wheels of ROS, needs (docs/installing.md)
+	@$(IN_WORKSPACE) [ ! -d $$VIRTUAL_ENV/share/rclpy ] || { cd ros2_ws && \
+	    exec env -u PYTHONPATH AMENT_PREFIX_PATH=$$VIRTUAL_ENV CMAKE_PREFIX_PATH=$$VIRTUAL_ENV python -m colcon build \
+	    --symlink-install --base-paths src --packages-select atpid_interfaces --cmake-args -DATPID_PYTHON_ONLY=OFF \
+	    -DPython3_EXECUTABLE=$$VIRTUAL_ENV/bin/python -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release; }
 
 .PHONY: parquet
 parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)

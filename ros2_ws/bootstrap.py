@@ -183,7 +183,8 @@ def repair_wheels(venv: Path) -> None:
 
 
 def build_workspace(ros: Ros, fresh: bool) -> None:
-    """Build the packages with colcon, where `fresh` from nothing."""
+    """Build the packages with colcon, where `fresh` from nothing; messages for C++ again where they were (make cpp)."""
+    python_only = ros.source == "wheels" and not any(WORKSPACE.glob("install/*/lib/lib*__rosidl_typesupport_cpp.so"))
     if fresh:
         for folder in ("build", "install", "log"):
             shutil.rmtree(WORKSPACE / folder, ignore_errors=True)
@@ -193,7 +194,7 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
     python = VENV / "bin/python"
     command: list[str | Path] = [python, "-m", "colcon", "build", "--symlink-install", "--base-paths", "src"]
     arguments = ["--cmake-args", f"-DPython3_EXECUTABLE={python}", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=Release"]
-    arguments.append(f"-DATPID_PYTHON_ONLY={'ON' if ros.source == 'wheels' else 'OFF'}")
+    arguments.append(f"-DATPID_PYTHON_ONLY={'ON' if python_only else 'OFF'}")
     if fresh:
         with step("building the workspace and its kernels (two minutes the first time)"), kernels_beside(environment):
             run([*command, *arguments], "colcon build", environment, WORKSPACE)

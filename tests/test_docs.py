@@ -36,7 +36,7 @@ RUN = {
     },
     "tests/test_docs_tutorial.py": {r"atpid --help$": "test_each_command_does_its_step"},
     "tests/test_faults.py": {
-        r"python -m studies faults .*--sequences": "test_random_sequences_end_in_documented_states",
+        r"python -m studies faults .*--sequences": "test_a_random_sequence_ends_in_documented_states",
         r"python -m studies faults ": "test_the_command_runs_a_part_of_the_matrix",
     },
     "tests/test_figures.py": {
@@ -114,7 +114,7 @@ RUN = {
         r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_in_the_folder_of_out",
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
-    "tests/test_replay_command.py": {r"atpid replay ": "test_a_bag_of_older_definitions_gives_its_own_commands"},
+    "tests/test_replay_command.py": {r"atpid replay ": "test_a_bag_of_older_definitions_is_replayed_with_its_own_parameters"},
     "tests/test_without_ros2.py": {
         r"atpid stand ": "test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters",
         r"atpid ros lifecycle ": "test_a_motor_is_configured_and_activated_by_hand",
@@ -253,6 +253,7 @@ NOT_RUN = {
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"make (parquet|import)$": "installs packages; .ci/run does it",
+    r"make cpp$": "a minute of compiling; test_installation.py builds all of the messages",
     r"make docs$": "installs packages; test_docs_site.py builds the site with them",
     r"make wheel( |$)": "installs from the package index; test_wheel.py tries the wheel beside what is there",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
