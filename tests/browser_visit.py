@@ -82,6 +82,7 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         findings += wrong(desktop)
         seen["texts"] = texts(desktop)
         desktop.screenshot(path=folder / "desktop.png", full_page=True)
+        desktop.close()
         dark = new_page(browser, viewport=DESKTOP, color_scheme="dark")
         dark.goto(url)
         until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from page_visit import SCREENS, new_page
+from page_visit import SCHEMES, SCREENS, errors_of, new_page
 
 PAGES = ("README", "docs/commands", "docs/messages", "docs/parameters")
 
@@ -33,18 +33,19 @@ def main(chromium: str, site: str, *words: str) -> None:
         page.close()
         for name in PAGES:
             for screen, size in SCREENS.items():
-                for scheme in ("light", "dark"):
-                    page = new_page(browser, viewport=size, color_scheme=scheme)
-                    errors: list[str] = []
-                    page.on("pageerror", lambda error, errors=errors: errors.append(str(error)))
-                    page.goto((root / f"{name}.html").as_uri())
+                page = new_page(browser, viewport=size)
+                errors = errors_of(page)
+                for place, scheme in enumerate(SCHEMES[screen]):
+                    page.emulate_media(color_scheme=scheme)
+                    if place == 0:
+                        page.goto((root / f"{name}.html").as_uri())
                     if page.evaluate("document.documentElement.scrollWidth") > size["width"]:
                         errors.append("scrolls sideways")
                     if screen == "desktop":
                         errors += [one["id"] for one in Axe().run(page).response["violations"]]
                     if errors:
-                        wrong[f"{name} {screen} {scheme}"] = errors
-                    page.close()
+                        wrong[f"{name} {screen} {scheme}"] = [*errors]
+                page.close()
         browser.close()
     print(json.dumps({"found": found, "wrong": wrong}))
 

@@ -1,38 +1,50 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The real-time bench with its supervisor, as processes, and a node that collects what it publishes."""
+"""The real-time bench as processes, one supervisor after the other, and a node that collects what they publish."""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, SupervisorState
+from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SupervisorState
 from graph_runs import parameters, scene_file
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from atpid_common.nodes.messages import EVENTS_KEPT, STATES
+from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATES
 from atpid_control.stand.parameters import write_parameters
-from atpid_control.stand.processes import Processes
-from atpid_control.stand.running import commands_of
+from atpid_control.stand.parts import SUPERVISOR
+from atpid_control.stand.processes import NodeProcess, Processes
+from atpid_control.stand.running import PLAIN, command_of, commands_of
 
 
 class Watch(Node):
-    """Collects states of supervisor and motor, and the events, each with the steady time of its receipt [s]."""
+    """Collects states of supervisor and motor, the true ceiling, and the events with the steady time of receipt [s]."""
 
     def __init__(self) -> None:
         super().__init__("watch")
         self.supervisor: list[tuple[float, SupervisorState]] = []
         self.ceiling: list[CeilingState] = []
+        self.true: list[float] = []  # the plant's ceiling, at the end of each block [m]
         self.events: list[tuple[float, Event]] = []
         self.create_subscription(SupervisorState, "supervisor/state", self._keep(self.supervisor), STATES)
         self.create_subscription(CeilingState, "ceiling/state", self.ceiling.append, STATES)
+        self.create_subscription(PlantTruth, "plant/truth", self._on_truth, BLOCKS)
         self.create_subscription(Event, "events", self._keep(self.events), EVENTS_KEPT)
 
     def _keep(self, kept: list[Any]) -> Callable[[Any], None]:
         return lambda message: kept.append((time.monotonic(), message))
+
+    def _on_truth(self, truth: PlantTruth) -> None:
+        if not truth.handshake:
+            self.true.append(truth.ceiling[-1])
+
+    def clear(self) -> None:
+        """Drop what was collected so far."""
+        for kept in (self.supervisor, self.ceiling, self.true, self.events):
+            kept.clear()
 
     @property
     def state(self) -> SupervisorState:
@@ -51,15 +63,39 @@ class Watch(Node):
 
 
 class Supervised:
-    """The nodes of the real-time bench on a scene, with changes of its keys and of the supervisor's parameters."""
+    """The nodes of the real-time bench on a scene with changes of its keys; the supervisor comes with `supervise`."""
 
-    def __init__(self, scene: Path, folder: Path, supervisor: dict[str, Any], **changes: Any) -> None:
-        _, given = parameters(scene_file(scene, folder, **changes), folder, lockstep=False)
-        given["supervisor_node"] |= supervisor
-        write_parameters(given, folder / "parameters.yaml")
-        self.nodes = Processes(commands_of(folder / "parameters.yaml"), folder, restarts=1)
+    def __init__(self, scene: Path, folder: Path, **changes: Any) -> None:
+        _, self.given = parameters(scene_file(scene, folder, **changes), folder, lockstep=False)
+        self.folder, self._supervisors = folder, 0
+        file = folder / "parameters.yaml"
+        write_parameters(self.given, file)
+        self.commands = dict(commands_of(file))
+        others = [(name, command) for name, command in self.commands.items() if name != SUPERVISOR.name]
+        self.nodes = Processes(others, folder, restarts=1)
         self.executor, self.watch = SingleThreadedExecutor(), Watch()
         self.executor.add_node(self.watch)
+
+    def supervise(self, **changes: Any) -> NodeProcess:
+        """Start a supervisor with changes of its parameters; what was collected before it is dropped."""
+        self.spin(0.2)  # what the one before has published
+        self.watch.clear()
+        self._supervisors += 1
+        file, log = (self.folder / f"supervisor-{self._supervisors}.{ending}" for ending in ("yaml", "log"))
+        write_parameters({SUPERVISOR.name: self.given[SUPERVISOR.name] | changes}, file)
+        self.nodes.nodes.insert(1, NodeProcess(*command_of(SUPERVISOR, file, PLAIN), log))  # stopped after the motor
+        return self.nodes[SUPERVISOR.name]
+
+    def unsupervise(self) -> None:
+        """End the supervisor, where there is one."""
+        for node in [node for node in self.nodes.nodes if node.name == SUPERVISOR.name]:
+            node.stop()
+            self.nodes.nodes.remove(node)
+
+    def again(self, name: str) -> None:
+        """Start a node that has ended again, in its place."""
+        place = self.nodes.nodes.index(self.nodes[name])
+        self.nodes.nodes[place] = NodeProcess(name, self.commands[name], self.folder / f"{name}.log")
 
     def until(self, happened: Callable[[], object], timeout: float = 100.0) -> None:
         """Spin until it has happened."""

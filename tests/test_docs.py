@@ -114,7 +114,9 @@ RUN = {
         r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_in_the_folder_of_out",
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
-    "tests/test_replay_command.py": {r"atpid replay ": "test_a_bag_of_older_definitions_is_replayed_with_its_own_parameters"},
+    "tests/test_replay_command.py": {
+        r"atpid replay ": "test_a_bag_of_older_definitions_is_replayed_with_its_own_parameters"
+    },
     "tests/test_without_ros2.py": {
         r"atpid stand ": "test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters",
         r"atpid ros lifecycle ": "test_a_motor_is_configured_and_activated_by_hand",

@@ -182,8 +182,7 @@ def visited(site: Path) -> dict[str, dict[str, list[str]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("package", ["atpid_common", "atpid_sim", "atpid_driver", "atpid_control"])
-def test_the_modules_of_nodes_are_read_without_ros_as_rosdoc2_does(package: str) -> None:
+def test_the_modules_of_nodes_are_read_without_ros_as_rosdoc2_does() -> None:
     if not (SPHINX / "sphinx").is_dir():
         pytest.skip("Sphinx is missing: make docs-packages")
     program = f"""
@@ -191,8 +190,9 @@ import importlib, pkgutil, sys
 sys.path.insert(0, {str(SPHINX)!r})
 from sphinx.ext.autodoc.mock import mock
 with mock({MOCKED!r}):
-    for each in pkgutil.iter_modules(importlib.import_module("{package}.nodes").__path__):
-        importlib.import_module(f"{package}.nodes.{{each.name}}")
+    for package in ("atpid_common", "atpid_sim", "atpid_driver", "atpid_control"):
+        for each in pkgutil.iter_modules(importlib.import_module(f"{{package}}.nodes").__path__):
+            importlib.import_module(f"{{package}}.nodes.{{each.name}}")
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,17 +1,22 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record."""
+"""Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record.
 
-import functools
+A run takes seconds: some rows of the matrix are acted here, all that the graph in lockstep can act in the long profile.
+"""
+
+import contextlib
+import io
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from graph_runs import in_real_time
+from hypothesis import settings
 
 from atpid_common.channel_monitor import ChannelState
 from atpid_common.injected_faults import FAULT_KINDS, KINDS, LOCKSTEP, PARTS, FaultError, Injected, overlapping, parsed
@@ -23,69 +28,106 @@ from atpid_control.stand.errors import NodeDiedError
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
 from studies.cli import main
-from studies.fault_matrix import paced
+from studies.fault_matrix import command, paced, sequences
 from studies.fault_matrix.journal import Journal
 from studies.fault_matrix.paced import Paced, PacedRow, Sample
 from studies.fault_matrix.page import page, remarks
 from studies.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
 from studies.fault_matrix.sequences import EARLIEST, LATEST, drawn
 
+LONG = settings.get_current_profile_name() == "long"
 #: How faults are detected, where that is more than the matrix itself requires: part, kind, event, latest [s].
 ROWS = [
     ("support_laser", "off", "fault", 0.25),
     ("support_laser", "stuck", "fault", 0.25),
     ("support_laser", "garbage", "fault", 0.1),
     ("support_laser", "wrong", "drift", 3.0),
-    ("beam_laser", "slow", "drift", 3.0),
     ("beam_laser", "intermittent", "fault", 1.1),
-    ("accelerometer", "stuck", "fault", 0.25),
     ("accelerometer", "wrong", "", math.nan),
     ("height_sensor", "off", "fault", 0.1),
     ("height_sensor", "stuck", "fault", 4.0),
     ("motor", "off", "fault", 4.0),
     ("motor", "wrong", "fault", 3.5),
     ("motor", "stuck", "fault", 5.0),
-    ("clock", "wrong", "fault", 0.1),
     ("clock", "off", "fault", 0.1),
 ]
+#: Each as one above: the same watch finds another channel that is stuck, the same comparison another laser that lags,
+#: the same clock a stamp an hour ahead (`test_stamps_and_indices_count_the_same_time`).
+LIKE_THEM = [
+    ("beam_laser", "slow", "drift", 3.0),
+    ("accelerometer", "stuck", "fault", 0.25),
+    ("clock", "wrong", "fault", 0.1),
+]
+#: The part whose seven rows the command runs, once for all tests.
+COMMANDED = "support_laser"
 SETTINGS = SignalSettings(dead_time=0.2, frozen_time=0.2, largest_velocity=30.0, recovery_time=0.5, invalid_share=0.2)
 RATE = 1000.0
 TONE = 0.03 * np.sin(2.0 * np.pi * 5.47 * np.arange(6000) / RATE)
 
 
+class Runs:
+    """The runs of this module in a folder, those without a fault once each."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.printed: list[str] = []  # by the command
+        self._usual: dict[tuple[Injected, ...], Finished] = {}
+
+    def run(self, faults: tuple[Injected, ...], folder: Path, name: str) -> Finished:
+        """Run as `studies.fault_matrix.run.run`; return the finished run again where nothing fails before its end."""
+        if faults not in map(reference_of, PARTS):
+            return run(faults, folder, name)
+        if faults not in self._usual:
+            self._usual[faults] = run(faults, folder, name)
+        return self._usual[faults]
+
+    def reference(self, part: str) -> Finished:
+        """Return the run without a fault that the part is compared with."""
+        return self.run(reference_of(part), self.folder, f"without-{part}")
+
+    def command(self, *arguments: str) -> int:
+        """Run the command; keep what it prints."""
+        with contextlib.redirect_stdout(io.StringIO()) as printed, pytest.MonkeyPatch.context() as patch:
+            patch.setattr(command, "run_one", self.run)
+            patch.setattr(sequences, "run", self.run)
+            status = main(["faults", *arguments])
+        self.printed = printed.getvalue().splitlines()
+        return status
+
+    def row(self, part: str, kind: str) -> Row:
+        """Return a row of the matrix, the commanded part's from the journal of the command."""
+        if part == COMMANDED:
+            row = Journal(self.folder / part).rows[part, kind]
+            assert isinstance(row, Row)
+            return row
+        fault = Injected(part, kind, BEGIN, END)
+        return row_of(fault, self.run((fault,), self.folder, f"{part}-{kind}"), self.reference(part))
+
+
 @pytest.fixture(scope="module")
-def without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Finished], Path]]:
-    """The runs without a fault, by the part that is compared with them, and a folder."""
-    folder = tmp_path_factory.mktemp("faults")
-
-    @functools.cache
-    def reference(usual: tuple[Injected, ...]) -> Finished:
-        return run(usual, folder, f"without-{len(usual)}")
-
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
+    """The runs, after the command has run those of its part."""
+    made = Runs(tmp_path_factory.mktemp("faults"))
     with own_domain(None):
-        yield lambda part: reference(reference_of(part)), folder
+        assert made.command("--out", str(made.folder / COMMANDED), "--part", COMMANDED) == 0
+        yield made
 
 
-#: A third of the others; `python -m studies faults` acts them all.
-OTHERS = sorted(set(rows()) - {(part, kind) for part, kind, *_ in ROWS})[::3]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("part", "kind"), [one for one in OTHERS if one[0] in LOCKSTEP])
-def test_a_fault_is_felt(part: str, kind: str, without: tuple[Callable[[str], Finished], Path]) -> None:
-    reference, folder = without
-    fault = Injected(part, kind, BEGIN, END)
-    assert problems(row_of(fault, run((fault,), folder, f"{part}-{kind}"), reference(part))) == []
+#: A twelfth of the others, beside those of the command. `python -m studies faults` acts them all.
+OTHERS = sorted({one for one in rows() if one[0] in LOCKSTEP} - {(part, kind) for part, kind, *_ in ROWS + LIKE_THEM})
+SOME = OTHERS if LONG else [one for one in OTHERS if one[0] != COMMANDED][::12]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("part", "kind", "event", "latest"), ROWS)
-def test_a_fault_is_felt_and_ends_as_documented(
-    part: str, kind: str, event: str, latest: float, without: tuple[Callable[[str], Finished], Path]
-) -> None:
-    reference, folder = without
-    fault = Injected(part, kind, BEGIN, END)
-    row = row_of(fault, run((fault,), folder, f"{part}-{kind}"), reference(part))
+@pytest.mark.parametrize(("part", "kind"), SOME)
+def test_a_fault_is_felt(part: str, kind: str, runs: Runs) -> None:
+    assert problems(runs.row(part, kind)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("part", "kind", "event", "latest"), ROWS + LIKE_THEM if LONG else ROWS)
+def test_a_fault_is_felt_and_ends_as_documented(part: str, kind: str, event: str, latest: float, runs: Runs) -> None:
+    row = runs.row(part, kind)
     assert problems(row) == []
     if not event:
         assert row.detected is None
@@ -97,34 +139,35 @@ def test_a_fault_is_felt_and_ends_as_documented(
 
 
 @pytest.mark.slow
-def test_a_fault_that_is_not_acted_is_noticed(without: tuple[Callable[[str], Finished], Path]) -> None:
-    usual = without[0]("support_laser")
+def test_a_fault_that_is_not_acted_is_noticed(runs: Runs) -> None:
+    usual = runs.reference("support_laser")
     row = row_of(Injected("support_laser", "off", BEGIN, END), usual, usual)
     assert problems(row) == ["support_laser off: the fault was not felt"]
 
 
 @pytest.mark.slow
-def test_the_command_runs_a_part_of_the_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "accelerometer"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[1] for line in lines[:7]] == list(KINDS)
-    # what was run is not run again
-    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "accelerometer"]) == 0
-    assert capsys.readouterr().out.splitlines() == lines
+def test_the_command_runs_a_part_of_the_matrix(
+    runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert [line.split()[1] for line in runs.printed[:7]] == list(KINDS)
+    monkeypatch.setattr(command, "run_one", unused)  # what was run is not run again
+    assert main(["faults", "--out", str(runs.folder / COMMANDED), "--part", COMMANDED]) == 0
+    assert capsys.readouterr().out.splitlines() == runs.printed
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").touch()
     assert main(["faults", "--out", str(tmp_path / "mine")]) == 2
 
 
 @pytest.mark.slow
-def test_random_sequences_end_in_documented_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["faults", "--sequences", "2", "--seed", "7", "--out", str(tmp_path / "out")]
-    assert main(command) == 0
-    found = re.search(r"2 sequences of 5 faults, seed 7, (\d+) felt: none failed", capsys.readouterr().out)
+def test_a_random_sequence_ends_in_documented_states(runs: Runs, tmp_path: Path) -> None:
+    """One of eight faults; all but two are long enough to be felt."""
+    given = ["--sequences", "1", "--seed", "7", "--out", str(tmp_path / "out")]
+    assert runs.command(*given, "--faults", "8") == 0
+    found = re.search(r"1 sequences of 8 faults, seed 7, (\d+) felt: none failed", "\n".join(runs.printed))
     assert found
-    assert int(found[1]) >= 8
+    assert int(found[1]) >= 6
     assert not list((tmp_path / "out").glob("sequence-*"))  # those that pass leave nothing
-    assert main([*command, "--faults", "4"]) == 2
+    assert main(["faults", *given, "--faults", "4"]) == 2
 
 
 def test_a_sequence_is_drawn_again_from_its_seed() -> None:
@@ -346,5 +389,5 @@ def test_rows_in_real_time_are_judged(tmp_path: Path) -> None:
     assert journal.reference("recorder", lambda: usual) == Journal(tmp_path).reference("recorder", lambda: unused())
 
 
-def unused() -> Paced:
+def unused(*_: object) -> Paced:
     raise AssertionError("a run that is kept is not made again")

@@ -7,7 +7,6 @@ are drawn again and compared; the whole set is made by `make figures`.
 """
 
 import re
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,9 +37,7 @@ def shown() -> dict[Path, Path]:
 
 
 def bench_again(folder: Path) -> Numbers:
-    command = ["atpid", "bench", "scenes/thesis_4_3.yaml", "--out", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300.0)
-    assert done.returncode == 0, done.stderr
+    assert main(["bench", str(ROOT / "scenes/thesis_4_3.yaml"), "--out", str(folder)]) == 0
     return numbers_in(folder / "overview.png")
 
 

@@ -1,10 +1,12 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole graph with a commanded excitation: the plant follows the excitation node's states, and nothing else."""
+"""The whole graph with a commanded excitation: the plant follows the excitation node's states; a dead node is named."""
 
+import math
 import os
 import signal
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,14 @@ import pytest
 from atpid_interfaces.msg import ExcitationCommand, ExcitationState
 from graph_runs import in_lockstep, in_real_time, scene_file, without_domain
 from rclpy.node import Node
+from test_graph_real_time import children
 
 from atpid_common.nodes.messages import time_of
-from atpid_control.runs.read import Bag
+from atpid_control.runs.read import Bag, open_bag
 from atpid_control.runs.run import open_run
+from atpid_control.runs.verify import verify
+from atpid_control.stand.errors import NodeDiedError
+from studies.soak import segments
 
 F = 5.4
 
@@ -78,29 +84,74 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
     assert [message.kind for message in found][-1] == ExcitationCommand.OFF
 
 
-def test_an_operator_excites_until_ctrl_c(scenes: Path, tmp_path: Path) -> None:
-    path = commanded(scenes, tmp_path, duration=14.0, steady_window=[13.0, 14.0])
-    command = ["atpid", "excite", str(path), "--amplitude", "0.02", "--frequency", "5.0", "--hold"]
-    process: list[subprocess.Popen[str]] = []
+@dataclass
+class Excited:
+    """A bench in real time that an operator excites until Ctrl-C; then its motor's node is killed."""
 
-    def operator(reached: float) -> None:
-        if not process:
-            environment = without_domain() | {"ROS_DOMAIN_ID": os.environ["ROS_DOMAIN_ID"]}
-            process.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment))
-        elif reached > 10.0:
-            process[0].send_signal(signal.SIGINT)
+    status: int | None
+    printed: str
+    shared_memory: bool  # whether the motor's node has used any
+    bag: Bag
+    end: str
 
-    bag = in_real_time(path, tmp_path / "run", operator)
-    printed, _ = process[0].communicate(timeout=60.0)
-    assert process[0].returncode == 0
-    assert "running: 0.02 at 5.0000 Hz" in printed
-    truth = [message for _, message in bag.messages("/plant/truth")]
+
+class Killer:
+    """Starts the operator's command, interrupts it a second after it excites, and kills the motor's node after it."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.words = ["atpid", "excite", str(path), "--amplitude", "0.02", "--frequency", "5.0", "--hold"]
+        self.output = folder / "printed"
+        self.running = self.ended = math.inf  # times of the run [s]
+        self.killed = self.shared_memory = False
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def __call__(self, reached: float) -> None:
+        if self.process is None:
+            environment = without_domain() | {"ROS_DOMAIN_ID": os.environ["ROS_DOMAIN_ID"], "PYTHONUNBUFFERED": "1"}
+            with self.output.open("wb") as output:
+                self.process = subprocess.Popen(self.words, stdout=output, env=environment)
+        elif self.process.poll() is not None:
+            self.ended = min(self.ended, reached)
+            if reached > self.ended + 0.5 and not self.killed:  # once: more data may come before its end is seen
+                self.killed = True
+                motor = children(os.getpid())["motor_node"]
+                self.shared_memory = bool(segments.used_by(motor))  # which a killed node leaves behind
+                os.kill(motor, signal.SIGKILL)
+        elif "running: " in self.output.read_text():
+            self.running = min(self.running, reached)
+            if reached > self.running + 1.0:
+                self.process.send_signal(signal.SIGINT)
+
+
+@pytest.fixture(scope="module")
+def excited(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Excited:
+    folder = tmp_path_factory.mktemp("excited")
+    path = commanded(scenes, folder, duration=120.0, steady_window=[119.0, 120.0])  # it is ended before
+    killer = Killer(path, folder)
+    with pytest.raises(NodeDiedError) as error:
+        in_real_time(path, folder / "run", killer)
+    assert killer.process is not None
+    status = killer.process.poll()
+    bag = open_bag(folder / "run" / "bag")
+    return Excited(status, killer.output.read_text(), killer.shared_memory, bag, str(error.value))
+
+
+def test_an_operator_excites_until_ctrl_c(excited: Excited) -> None:
+    assert excited.status == 0
+    assert "running: 0.02 at 5.0000 Hz" in excited.printed
+    truth = [message for _, message in excited.bag.messages("/plant/truth")]
     amplitudes = [message.excitation_amplitude for message in truth]
     assert max(amplitudes) == pytest.approx(0.02, rel=0.02)
     assert amplitudes[-1] == 0.0
     # what is read from the bag has the tone that was put out in place of the scene's
-    scene = open_run(bag.path).scene
+    scene = open_run(excited.bag.path).scene
     assert scene is not None
     assert not scene.excitation.is_commanded
     assert scene.excitation.largest_amplitude == pytest.approx(0.02, rel=0.02)
     assert scene.frequency_hz == pytest.approx(5.0, rel=0.01)
+
+
+def test_a_node_that_dies_stops_the_run_with_its_name(excited: Excited) -> None:
+    assert excited.end.startswith("motor_node ended with status -9: ")
+    assert not excited.shared_memory
+    assert verify(excited.bag.path).by_topic["/sensors/laser"] > 0

@@ -1,6 +1,9 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole loop with a structure of several modes that a force drives: bench, stand, replay, report, validation."""
+"""The whole loop with a structure of several modes that a force drives: bench, replay, report, validation.
+
+The emulated stand, which then reads a load cell: test_emulated_stand.py.
+"""
 
 import json
 from pathlib import Path
@@ -9,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from graph_runs import scene_file
-from test_emulated_stand import bench
 
 from atpid_control.cli import main
 from atpid_control.runs.run import Run, open_run
@@ -130,13 +132,3 @@ def test_runs_under_force_and_support_are_not_compared_by_excitation(
     printed = capfd.readouterr().out
     assert "their excitations are not compared" in printed
     assert "excitation, identified" not in printed
-
-
-def test_the_emulated_stand_reads_a_load_cell(path: Path, out: Path, tmp_path: Path) -> None:
-    emulated, _ = bench(path, tmp_path / "emulated", "--emulated-stand")
-    expected = json.loads((out / "summary.json").read_text())["stages"][-1]
-    seen = emulated["stages"][-1]
-    assert seen["identified_amplitude"] == pytest.approx(FORCE, rel=2e-3)
-    assert seen["height"] == pytest.approx(expected["height"], abs=0.01)
-    assert emulated["drive"]["unit"] == "N"
-    assert emulated["lost_scans"] == 0

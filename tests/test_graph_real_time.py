@@ -1,29 +1,31 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph as processes: nothing lost, Ctrl-C closes the bag, a dead node is named, a name exists only once."""
+"""The graph as processes: nothing lost, Ctrl-C closes the bag, a name exists only once."""
 
-import os
 import signal
 import subprocess
-from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from graph_runs import in_real_time, scene_file, started, wait_until
+from graph_runs import parameters, scene_file, started, wait_until
 
 from atpid_common.nodes.messages import nanoseconds_of
+from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
-from studies.soak import segments
 
 pytestmark = pytest.mark.slow
 
-CHANGES = {"duration": 4.0, "steady_window": [2.0, 4.0]}
+#: Of a bench that Ctrl-C ends.
+LONG = {"duration": 600.0, "steady_window": [590.0, 600.0]}
+#: Blocks that are recorded before it, at least.
+BLOCKS = 80
 
 
 def children(pid: int) -> dict[str, int]:
@@ -40,92 +42,110 @@ def children(pid: int) -> dict[str, int]:
 def recording(out: Path) -> bool:
     """Whether data have reached the bag's file."""
     files = list((out / "bag").glob("*.mcap"))
-    return bool(files) and files[0].stat().st_size > 300_000  # scene, map, definitions and the start take up to half
+    return bool(files) and files[0].stat().st_size > 500_000  # scene, map, definitions and the start take up to half
 
 
-@pytest.fixture
-def running(scenes: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
-    """A real-time bench of a minute, recording."""
-    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=60.0, steady_window=[50.0, 60.0])
-    process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
+def domain_of(process: subprocess.Popen[str]) -> str:
+    """Wait until a bench prints its ROS domain, before it starts nodes; return the number."""
+    printed = ""
+    assert process.stderr is not None
+    while not printed.startswith("ROS domain "):
+        printed = process.stderr.readline()
+        assert printed, "it ended"
+    number = printed.split()[2].rstrip(":")
+    assert printed.strip() == f"ROS domain {number}: listen with ROS_DOMAIN_ID={number}"
+    return number
+
+
+@dataclass
+class Stopped:
+    """What was seen of a bench in real time that two Ctrl-C have ended."""
+
+    nodes: dict[str, int]
+    status: int
+    printed: str
+    left: list[int]
+    bag: Path
+
+
+@pytest.fixture(scope="module")
+def stopped(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Stopped:
+    folder = tmp_path_factory.mktemp("bench")
+    path, out = scene_file(scenes / "thesis_4_3.yaml", folder, **LONG), folder / "out"
+    process = started("bench", str(path), "--out", str(out), "--real-time")
     try:
-        wait_until(lambda: recording(tmp_path / "out"), process)
-        yield process, tmp_path / "out"
+        wait_until(lambda: recording(out), process)
+        nodes = children(process.pid)
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
+        _, printed = process.communicate()
     finally:
         if process.poll() is None:
             process.terminate()
-        process.communicate()
+            process.communicate()
+    left = [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
+    return Stopped(nodes, process.returncode, printed, left, out / "bag")
 
 
-def test_nothing_is_lost_in_real_time(scenes: Path, tmp_path: Path) -> None:
-    bag = in_real_time(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES), tmp_path / "run")
-    assert lost_scans(open_run(bag.path)) == 0
-    assert unanswered_blocks(open_run(bag.path)) == 0
-    blocks = list(bag.messages("/sensors/laser"))
-    assert len(blocks) == 80
-    assert all(received_ns >= nanoseconds_of(block.header.stamp) + 49_000_000 for received_ns, block in blocks)
+def test_nothing_is_lost_in_real_time(stopped: Stopped) -> None:
+    bag, run = open_bag(stopped.bag), open_run(stopped.bag)
+    assert lost_scans(run) == 0
+    # Ctrl-C ends the nodes one by one: blocks on their way have no answer; none before them lacks one
+    last = max(nanoseconds_of(command.header.stamp) for _, command in bag.messages("/ceiling/command"))
+    blocks = [(received, block) for received, block in bag.messages("/sensors/laser") if not block.handshake]
+    stamps = [nanoseconds_of(block.header.stamp) for _, block in blocks]
+    assert unanswered_blocks(run) <= sum(stamp > last for stamp in stamps)
+    assert len(blocks) >= BLOCKS
+    indices = [block.first_index for _, block in blocks]
+    assert indices == list(range(0, 50 * len(blocks), 50))
+    assert all(received >= stamp + 49_000_000 for (received, _), stamp in zip(blocks, stamps, strict=True))
     assert {message.height for _, message in bag.messages("/ceiling/state")} != {0.017}
 
 
-def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running: tuple[subprocess.Popen[str], Path]) -> None:
-    process, out = running
-    nodes = children(process.pid)
-    assert set(nodes) == {part.name for part in REAL_TIME_PARTS}
-    process.send_signal(signal.SIGINT)
-    process.send_signal(signal.SIGINT)
-    _, printed = process.communicate()
-    assert process.returncode == 130
-    assert printed.strip().splitlines()[-1].startswith("stopped before the end; the bag is closed")
-    assert verify(out / "bag").by_topic["/sensors/laser"] > 0
-    assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
+def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(stopped: Stopped) -> None:
+    assert set(stopped.nodes) == {part.name for part in REAL_TIME_PARTS}
+    assert stopped.status == 130
+    assert stopped.printed.strip().splitlines()[-1].startswith("stopped before the end; the bag is closed")
+    assert verify(stopped.bag).by_topic["/sensors/laser"] > 0
+    assert not stopped.left
 
 
 def test_the_domain_is_printed_and_ctrl_c_before_the_recording_leaves_no_bag(scenes: Path, tmp_path: Path) -> None:
-    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES)
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **LONG)
     process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
-    printed = ""
-    assert process.stderr is not None
-    while not printed.startswith("ROS domain "):  # printed before the nodes are started
-        printed = process.stderr.readline()
-        assert printed, "it ended"
+    domain_of(process)
     process.send_signal(signal.SIGINT)
     _, rest = process.communicate()
-    number = printed.split()[2].rstrip(":")
-    assert printed.strip() == f"ROS domain {number}: listen with ROS_DOMAIN_ID={number}"
     assert process.returncode == 130
     bag = tmp_path / "out" / "bag"
     expected = "the bag is closed" if bag.exists() else "stopped before the recording began; there is no bag"
     assert expected in rest.strip().splitlines()[-1]
 
 
-def test_a_node_that_dies_stops_the_run_with_its_name(running: tuple[subprocess.Popen[str], Path]) -> None:
-    process, out = running
-    motor = children(process.pid)["motor_node"]
-    assert not segments.used_by(motor), "shared memory, which a killed node leaves behind"
-    os.kill(motor, signal.SIGKILL)
-    _, printed = process.communicate()
-    assert process.returncode == 2
-    assert printed.strip().splitlines()[-1].startswith("error: motor_node ended with status -9: ")
-    assert verify(out / "bag").by_topic["/sensors/laser"] > 0
-
-
-@pytest.mark.parametrize("name", ["plant_node", "selector_node"])
-def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path, name: str) -> None:
-    from graph_runs import parameters
-
+def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path) -> None:
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
     write_parameters(given, tmp_path / "parameters.yaml")
-    part = next(part for part in PARTS if part.name == name)
-    command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "parameters.yaml")]
-    with own_domain():
-        first = subprocess.Popen(command)
+    parts = [part for part in PARTS if part.name in ("plant_node", "selector_node")]
+    commands = [
+        [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "parameters.yaml")] for part in parts
+    ]
+    with own_domain() as domain:
+        first = [subprocess.Popen(command) for command in commands]
+        second: list[subprocess.Popen[str]] = []
         try:
-            socket = f"@atpid/{os.environ['ROS_DOMAIN_ID']}/{name}"
-            wait_until(lambda: socket in Path("/proc/net/unix").read_text())
-            second = subprocess.run(command, capture_output=True, text=True, check=False)
-            assert second.returncode == 2
-            assert second.stderr.strip().splitlines()[-1].startswith(f"error: /{name} is already running")
-            assert first.poll() is None
+            for part in parts:
+                claim = f"@atpid/{domain}/{part.name}"
+                wait_until(lambda claim=claim: claim in Path("/proc/net/unix").read_text())  # type: ignore[misc]
+            second += [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for command in commands]
+            for part, again in zip(parts, second, strict=True):
+                _, printed = again.communicate(timeout=100.0)
+                assert again.returncode == 2
+                assert printed.strip().splitlines()[-1].startswith(f"error: /{part.name} is already running")
+            assert [node.poll() for node in first] == [None, None]
         finally:
-            first.send_signal(signal.SIGINT)
-            assert first.wait() == 0
+            for node in first:
+                node.send_signal(signal.SIGINT)
+            for again in second:  # no longer there, or it took the name over
+                again.send_signal(signal.SIGINT)
+                again.wait()
+            assert [node.wait() for node in first] == [0, 0]

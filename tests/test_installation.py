@@ -21,6 +21,7 @@ from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, ru
 from graph_runs import scene_file, wait_until
 from rclpy.node import Node
 
+from atpid_control.stand.processes import START_NODE
 from atpid_driver.emulator import missing_tools
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # of the build and of all packages' tests
@@ -38,10 +39,12 @@ for name in sys.argv[1:]:
             if error.name.partition(".")[0] not in ("launch", "launch_ros"):
                 raise
 """
-#: Whether `make test-install` runs this: with C++ for the messages, and all of the packages' tests.
+MESSAGES = "atpid_interfaces"
+#: Whether `make test-install` runs this: with the messages, C++ for them too, and all of the packages' tests.
 EVERYTHING = os.environ.get("ATPID_COLCON_TESTS") == "all"
-#: Else some of what is read from the installation.
+#: Else some of what is read from the installation: names of tests, and the only files that are loaded to look for them.
 PART = "parameter or registry or copyright or key or yaml"
+FILES = "test_*parameters.py test_*registry.py test_copyright_*.py test_hostile_files.py test_api.py"
 #: What each executable needs to stay; `{}` is the folder of the inputs.
 EXECUTABLES = {
     ("atpid_sim", "plant_node"): ["plant.yaml", "scene:={}/scene.yaml"],
@@ -69,8 +72,11 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace of a user's own with a clone in it, built without links to the sources."""
     folder = tmp_path_factory.mktemp("workspace")
     clone(folder / "src" / "atpid")
-    # messages as set-up has them, unless all is asked for: C++ takes most of the time
-    only = [] if EVERYTHING else ["--cmake-args", " -DATPID_PYTHON_ONLY=ON"]
+    # the messages as set-up has built them by colcon from the same sources, unless all is asked for: they take most of
+    # the time; with symbolic links followed
+    only = [] if EVERYTHING else ["--packages-skip", MESSAGES]
+    if not EVERYTHING:
+        shutil.copytree(ROOT / "ros2_ws/install" / MESSAGES, folder / "install" / MESSAGES)
     assert "Finished <<< atpid_control" in run([*COLCON, "build", *only], folder, environment())
     return folder
 
@@ -121,11 +127,11 @@ def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
     # `make test` has run them from the repository: here a part, unless all are asked for, as by `make test-install`;
     # colcon takes off the blank before a dash
     command = [*COLCON, "test", "--return-code-on-test-failure", "--pytest-args", " -m", "not slow"]
-    command += [] if EVERYTHING else [" -k", PART]
+    command += [] if EVERYTHING else [" -k", PART, " -o", f"python_files={FILES}", "--packages-skip", MESSAGES]
     run(command, workspace, environment())
     *files, _, summary = run([*COLCON, "test-result", "--all"], workspace, environment()).splitlines()
     counts = {file.split("/")[1]: int(file.split()[1]) for file in files}
-    assert counts.keys() == set(PACKAGES) - {"atpid_interfaces"}  # which has messages only
+    assert counts.keys() == set(PACKAGES) - {MESSAGES}  # which has no tests
     assert min(counts.values()) > 10
     print(summary)
     assert re.fullmatch(r"Summary: \d+ tests, 0 errors, 0 failures, \d+ skipped", summary)
@@ -152,13 +158,15 @@ def graph() -> Iterator[Node]:
 def test_every_executable_starts_and_ends(
     removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: Node
 ) -> None:
+    """However often and by whichever signal it is asked: status 0, and nothing printed that looks like a failure."""
     install = removed / "install"
     found = {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")}
     assert found == {*EXECUTABLES}
     processes = {}
     try:
         for (package, name), (file, *values) in EXECUTABLES.items():
-            command = [str(install / package / "lib" / package / name), "--ros-args", "-r", f"__ns:=/{name}"]
+            command = [*START_NODE, str(install / package / "lib" / package / name)]  # as the bench does
+            command += ["--ros-args", "-r", f"__ns:=/{name}"]
             command += ["--params-file", str(install / package / "share" / package / "config" / file)]
             command += [word for value in values for word in ("-p", value.format(inputs))]
             with (tmp_path / name).open("w") as log:
@@ -166,10 +174,13 @@ def test_every_executable_starts_and_ends(
         wait_until(lambda: processes.keys() <= set(graph.get_node_names()) or ended(processes))
     finally:
         for process in processes.values():
-            process.send_signal(signal.SIGINT)
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGINT):
+                process.send_signal(number)
         statuses = {name: process.wait() for name, process in processes.items()}
-    failed = [name for name, status in statuses.items() if status != 0]
-    assert failed == [], [(tmp_path / name).read_text() for name in failed]
+    printed = {name: (tmp_path / name).read_text() for name in processes}
+    words = ("Traceback", "Exception ignored", "error")
+    failed = [name for name in processes if statuses[name] or any(word in printed[name] for word in words)]
+    assert failed == [], [(name, statuses[name], printed[name]) for name in failed]
 
 
 def ended(processes: dict[str, subprocess.Popen[bytes]]) -> bool:

@@ -1,45 +1,19 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The known motion before a run in the real-time bench: announced, made before the first sample; or the run ends."""
+"""A known motion that fails ends the run; in lockstep there is none. One that passes: `first-run`'s, and its test."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
-from graph_runs import parameters, scene_file, wait_until
+from graph_runs import wait_until
 
 from atpid_control.cli import main
-from atpid_control.runs.read import Bag, open_bag
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.errors import NodeDiedError
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.parts import NODES
 from atpid_control.stand.processes import Processes
-from atpid_control.stand.running import commands_of, run_realtime
-
-SHORT = {"duration": 1.0, "steady_window": [0.5, 1.0], "amplitude": [[0.0, 0.0], [0.5, 0.015]]}
-
-
-def run(scenes: Path, folder: Path, **motor: Any) -> Bag:
-    _, given = parameters(scene_file(scenes / "thesis_4_3.yaml", folder, **SHORT), folder, lockstep=False)
-    given["motor_node"] |= {"check_move": 0.1} | motor
-    write_parameters(given, folder / "parameters.yaml")
-    with own_domain():
-        run_realtime(commands_of(folder / "parameters.yaml"), folder, lambda _: None)
-    return open_bag(folder / "bag")
-
-
-@pytest.mark.slow
-def test_the_ceiling_moves_before_the_run_and_is_back_when_it_begins(scenes: Path, tmp_path: Path) -> None:
-    bag = run(scenes, tmp_path)
-    events = [event.text for _, event in bag.messages("/events") if event.node == "motor_node"]
-    assert events[0] == "known motion: in 1 s the ceiling moves from 0.017 to 0.117 m and back"
-    # tried again where a busy machine withdrew the supervisor's permission meanwhile
-    assert "known motion passed" in events, events[:10]
-    first = next(when for when, block in bag.messages("/sensors/laser") if not block.handshake)
-    before = [state for when, state in bag.messages("/ceiling/state") if when < first and state.homed]
-    assert max(state.height for state in before) == pytest.approx(0.117)
-    assert before[-1].height == 0.017
+from atpid_control.stand.running import commands_of
 
 
 @pytest.mark.slow

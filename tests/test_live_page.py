@@ -22,6 +22,7 @@ from graph_runs import scene_file, wait_until, without_domain
 from test_without_ros2 import Running
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
+from atpid_control.cli import main
 from atpid_control.runs.losses import stamp_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
@@ -205,6 +206,31 @@ def test_a_browser_draws_it_without_an_accessibility_finding(bench: Bench, tmp_p
     assert seen["unsent"] == "there is no connection: nothing was done yet; use the emergency stop"
 
 
+def test_a_page_that_is_killed_ends_nothing_and_ctrl_c_ends_everything(bench: Bench) -> None:
+    """The last test of the run, which costs as long as it lasts: its page's end is an event, the bag is whole."""
+    (live,) = (int(p.name) for p in Path("/proc").glob("[0-9]*") if is_page(p, bench.out))
+    assert os.getpriority(os.PRIO_PROCESS, live) >= 10
+    os.kill(live, signal.SIGKILL)
+    bench.command.wait_for("live_node ended with status -9")
+    size = sum(path.stat().st_size for path in (bench.out / "bag").iterdir())
+    wait_until(lambda: sum(p.stat().st_size for p in (bench.out / "bag").iterdir()) > size, bench.command.process)
+    assert bench.command.end(signal.SIGINT) == 130
+    assert not answers(bench.port)
+    bag = open_bag(bench.out / "bag")
+    run = open_run(bag.path)
+    assert lost_scans(run) == 0
+    # Ctrl-C ends the nodes one by one: blocks on their way have no answer; none before them lacks one
+    last = max(stamp_of(command) for _, command in bag.of_kind("CeilingCommand"))
+    assert unanswered_blocks(run) <= sum(1 for stamp, _, _ in laser_blocks(run) if stamp > last)
+    events = [event for _, event in bag.messages("/events")]
+    assert any("live_node ended" in event.text for event in events)
+    notes = [event.text for event in events if event.kind == Event.NOTE]
+    if notes:  # by the tests above, where they have been run
+        assert "set screw tightened" in notes
+        assert any(event.kind == Event.STOPPED for event in events)
+        assert any(message.mode == CeilingState.DISARMED for _, message in bag.messages("/ceiling/state"))
+
+
 @pytest.mark.parametrize("motor", ["in the graph", "gone"])
 def test_after_a_run_the_values_are_grey_and_only_a_motor_that_is_there_can_be_stopped(motor: str) -> None:
     view = LiveView(None)
@@ -224,32 +250,6 @@ def test_after_a_run_the_values_are_grey_and_only_a_motor_that_is_there_can_be_s
     assert seen["texts"]["h-now"] == "Last values"
     assert int(seen["weight"]) < 600
     assert seen["buttons"] == (["Stop the motor"] if motor == "in the graph" else [])
-
-
-def test_a_page_that_is_killed_ends_nothing_and_ctrl_c_ends_everything(bench: Bench) -> None:
-    """The last test of the run: the page's end is an event, the bag is whole, and nothing is left."""
-    (live,) = (int(p.name) for p in Path("/proc").glob("[0-9]*") if is_page(p, bench.out))
-    assert os.getpriority(os.PRIO_PROCESS, live) >= 10
-    os.kill(live, signal.SIGKILL)
-    bench.command.wait_for("live_node ended with status -9")
-    size = sum(path.stat().st_size for path in (bench.out / "bag").iterdir())
-    wait_until(lambda: sum(p.stat().st_size for p in (bench.out / "bag").iterdir()) > size, bench.command.process)
-    assert bench.command.end(signal.SIGINT) == 130
-    assert not answers(bench.port)
-    bag = open_bag(bench.out / "bag")
-    assert lost_scans(open_run(bag.path)) == 0
-    # Ctrl-C ends the nodes one by one: blocks on their way have no answer; none before them lacks one
-    last = max(stamp_of(command) for _, command in bag.of_kind("CeilingCommand"))
-    assert unanswered_blocks(open_run(bag.path)) <= sum(
-        1 for stamp, _, _ in laser_blocks(open_run(bag.path)) if stamp > last
-    )
-    events = [event for _, event in bag.messages("/events")]
-    assert any("live_node ended" in event.text for event in events)
-    notes = [event.text for event in events if event.kind == Event.NOTE]
-    if notes:  # by the tests above, where they have been run
-        assert "set screw tightened" in notes
-        assert any(event.kind == Event.STOPPED for event in events)
-        assert any(message.mode == CeilingState.DISARMED for _, message in bag.messages("/ceiling/state"))
 
 
 def visited(url: str, *further: object) -> Any:
@@ -272,30 +272,21 @@ def is_page(process: Path, out: Path) -> bool:
     return str(out / "parameters.yaml") in words and any(word.endswith("/live_node") for word in words[:3])
 
 
-def test_a_port_that_is_taken_is_one_line_before_anything_starts(scenes: Path, tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_one_line_before_anything_starts(
+    scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with listening(Address(port=free_port())) as taken:
         port = str(taken.getsockname()[1])
-        command = [
-            "bench",
-            str(scenes / "thesis_4_3.yaml"),
-            "--out",
-            str(tmp_path / "out"),
-            "--live",
-            "--live-port",
-            port,
-        ]
-        done = subprocess.run(
-            ["atpid", *command], capture_output=True, text=True, check=False,
-            env=without_domain(),
-        )  # fmt: skip
+        command = ["bench", str(scenes / "thesis_4_3.yaml"), "--out", str(tmp_path / "out")]
+        status = main([*command, "--live", "--live-port", port])
         node = subprocess.run(
             [sys.executable, "-m", "atpid_control.nodes.live_node", "--ros-args", "-p", f"port:={port}"],
             capture_output=True, text=True, check=False,
         )  # fmt: skip
-    for ended in (done, node):
-        assert ended.returncode == 2
-        assert ended.stderr.startswith(f"error: live page: 127.0.0.1:{port} cannot be used")
-        assert len(ended.stderr.splitlines()) == 1
+    for ended, said in ((status, capsys.readouterr().err), (node.returncode, node.stderr)):
+        assert ended == 2
+        assert said.startswith(f"error: live page: 127.0.0.1:{port} cannot be used")
+        assert len(said.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 

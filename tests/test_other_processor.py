@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from commanded import Command, commands
 from processors import EMULATES, REASON
+from test_rounding import FREQUENCIES
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not EMULATES, reason=REASON)]
 
@@ -22,7 +23,10 @@ OTHER = "x86-64-v2"
 BLOCK = 0.05  # of the scenes' sensors [s]
 #: What computes longest on decisions that a last digit could turn; the other numerical files take the same code.
 FILES = (
-    "atpid_control/test/test_rounding.py", "atpid_control/test/test_identification_bench.py",
+    # a whole number of blocks in a period, and of no part of them
+    *(f"atpid_control/test/test_rounding.py::test_the_last_digits_of_the_samples_decide_nothing[{hertz}]"
+      for hertz in (FREQUENCIES[0], FREQUENCIES[-1])),
+    "atpid_control/test/test_identification_bench.py",
     "atpid_control/test/test_watch.py", "tests/of_studies/test_steady.py", "tests/test_seeds.py",
     "tests/test_replay.py::test_the_bags_that_come_with_the_project",
     "tests/of_studies/test_reproducibility.py::test_what_is_called_reproducible_is_within_its_stated_error",
@@ -63,8 +67,8 @@ def same(scene: str, expected: list[Command], found: list[Command]) -> None:
         assert there == pytest.approx(height, rel=1e-6), scene
 
 
-@pytest.mark.skipif(not os.environ.get("CI"), reason="two minutes of processor time: in CI only")
-@pytest.mark.parametrize("file", FILES)
-def test_a_slow_numerical_file_passes(file: str) -> None:
-    done = on_the_other("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", file)
+@pytest.mark.skipif(not os.environ.get("CI"), reason="a minute of processor time: in CI only")
+def test_the_slow_numerical_files_pass() -> None:
+    """All of them in one process, which loads the libraries once."""
+    done = on_the_other("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *FILES)
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]

@@ -3,6 +3,7 @@
 """The packages as ROS packages: their files agree, name every dependency, install whole and are found once."""
 
 import ast
+import functools
 import os
 import re
 import subprocess
@@ -61,11 +62,18 @@ def declared(package: str, *kinds: str) -> set[str]:
     return {str(tag.text) for kind in kinds for tag in manifest(package).iter(kind)} | set(pip_only)
 
 
+@functools.cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Return what a file imports, and its constants."""
+    kept = (ast.Import, ast.ImportFrom, ast.Constant)
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kept)]
+
+
 def imported(files: Iterable[Path]) -> set[str]:
     """Return the names of the modules that the files import from elsewhere."""
     found = set()
     for path in files:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -76,9 +84,7 @@ def imported(files: Iterable[Path]) -> set[str]:
 def started(files: Iterable[Path]) -> set[str]:
     """Return the project's packages that the files name in a string: to start a node, or to find a file."""
     pattern = re.compile(rf"({'|'.join(PACKAGES)})(\.\w+)*")
-    constants = (
-        node.value for path in files for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)
-    )
+    constants = (node.value for path in files for node in nodes(path) if isinstance(node, ast.Constant))
     strings = (value for value in constants if isinstance(value, str))
     return {match[1] for match in map(pattern.fullmatch, strings) if match}
 
@@ -177,10 +183,16 @@ def read(path: Path) -> str:
     return (ROOT / path).read_text(encoding="utf-8")
 
 
+@pytest.fixture(scope="module")
+def cloned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clone whose packages set-ups build in."""
+    return clone(tmp_path_factory.mktemp("setup") / "clone")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
-def test_setup_installs_every_file(package: str, tmp_path: Path) -> None:
-    folder, prefix = clone(tmp_path / "clone") / PACKAGES[package], tmp_path / "prefix"
+def test_setup_installs_every_file(package: str, cloned: Path, tmp_path: Path) -> None:
+    folder, prefix = cloned / PACKAGES[package], tmp_path / "prefix"
     command = [sys.executable, "setup.py", "-q", "install", f"--prefix={prefix}", "--single-version-externally-managed"]
     run([*command, f"--record={tmp_path / 'record'}"], folder, {**os.environ, "PYTHONWARNINGS": "ignore"})
     assert differences(package, prefix) == []

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
 
+import functools
 import re
 from pathlib import Path
 
@@ -29,6 +30,7 @@ def printed(name: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[1:]]
 
 
+@functools.cache
 def computed(name: str) -> list[Row]:
     jobs, measured = run.compute(name, ROOT / "scenes", lambda done: None)
     return rows_of(load(name), jobs, measured)

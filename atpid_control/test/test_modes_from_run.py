@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import yaml
+from hypothesis import settings
 from scipy.signal import StateSpace, lsim
 
 from atpid_control.analysis.modes.from_run import fit_modes, structure_of
@@ -18,8 +19,10 @@ from atpid_control.cli import main
 from atpid_sim.system import Array
 
 NOISE = {"m": 2e-5, "N": 0.01}  # of laser and load cell
-#: Length of a run [s]; a shorter one does for random structures, but for a sweep, which passes each mode but once.
+#: Length of a run [s]; a shorter one does but for a sweep, which passes each mode but once.
 SECONDS, SHORT = 40.0, 20.0
+#: Random structures, not chosen: the first ones.
+SEEDS = range(6 if settings.get_current_profile_name() == "long" else 3)
 
 
 class Drawn(NamedTuple):
@@ -44,7 +47,7 @@ def drawn(random: np.random.Generator, force: bool) -> Drawn:
 
 
 def recorded(
-    random: np.random.Generator, structure: Drawn, kind: str, unit: str, grain: float = 0.0, seconds: float = SECONDS
+    random: np.random.Generator, structure: Drawn, kind: str, unit: str, grain: float = 0.0, seconds: float = SHORT
 ) -> Signals:
     """Return a run of the structure with a grain [kg] held: random, a sweep, or free."""
     pace = 2.0 * np.pi * structure.frequency
@@ -90,7 +93,7 @@ def of_held(structure: Drawn, grain: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("kind", "unit"), [("random", "N"), ("sweep", "N"), ("random", "m"), ("free", "m")])
 def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str) -> None:
     inside, errors, refused = [], [], 0
-    for seed in range(6):
+    for seed in SEEDS:
         random = np.random.default_rng(seed)
         structure = drawn(random, unit == "N")
         try:
@@ -110,11 +113,19 @@ def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str)
             true = np.stack([structure.frequency, structure.ratio, structure.mass if unit == "N" else structure.factor])
         inside.append(np.abs(found - true) <= 1.96 * bars)
         errors.append(np.abs(found / true - 1.0).max())
-    # 95 % bars, six structures, whose values in one record are correlated
+    # 95 % bars, whose values in one record are correlated
     assert np.concatenate([one.ravel() for one in inside]).mean() >= 0.85
     assert refused <= 1
     assert np.median(errors) < 0.01
     assert max(errors) < 0.1
+
+
+def test_a_mode_that_the_record_does_not_determine_is_named() -> None:
+    """Of four modes of a moving support one is lost in the noise; what is fitted in its place is refused."""
+    random = np.random.default_rng(2)
+    structure = drawn(random, False)
+    with pytest.raises(ModesError, match=r"given 4; the record does not determine those at 49\.\d+ Hz; give fewer"):
+        fit_modes(recorded(random, structure, "random", "m"), 4, force=False)
 
 
 @pytest.mark.slow
@@ -154,7 +165,7 @@ def test_the_command_writes_the_blocks_of_a_scene(tmp_path: Path, capsys: pytest
 
 
 def test_a_moving_support_shows_no_masses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    random = np.random.default_rng(9)
+    random = np.random.default_rng(1)
     structure = drawn(random, False)
     run = written(recorded(random, structure, "random", "m"), tmp_path / "run.csv")
     given = ["modes", "fit", str(run), "--modes", str(len(structure.mass))]

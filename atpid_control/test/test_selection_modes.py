@@ -92,7 +92,8 @@ def test_a_force_is_refused_in_newtons(tmp_path: Path) -> None:
 # by root mean square
 
 
-def noisy(duration: float = 40.0, **changes: Any) -> Scene:
+def noisy(duration: float = 12.0, **changes: Any) -> Scene:
+    """Heights of one realisation are compared, which a window of some forty periods does as well as a long one."""
     psd = {"psd": [[2.0, 1.0e-5], [12.0, 1.0e-5]], "unit": "m^2/Hz"}
     scene = {"excitation": {"random": psd}, "tolerance": 1e-4, "seed": 3, "steady_window": [5.0, duration]}
     return standard_bench(**(scene | changes), duration=duration)
@@ -100,10 +101,10 @@ def noisy(duration: float = 40.0, **changes: Any) -> Scene:
 
 def test_a_height_is_rated_as_a_run_is() -> None:
     """Every height under the same drive, that of `simulate`."""
-    scene = noisy(12.0)
+    scene = noisy()
     own = Realisation(scene)
     for height in (0.06, 0.12):
-        run = simulate(scene.with_(height=height))
+        run = simulate(scene.with_(height=height), check=False)
         assert own.rated(height).rms == pytest.approx(run.rms, rel=1e-12)
         assert math.sqrt(float(np.mean(own.closed))) == pytest.approx(run.undamped_rms, rel=1e-12)
     low, high = (vibration(scene.with_(height=height)).support for height in (0.06, 0.12))
@@ -132,7 +133,7 @@ def test_what_lies_within_the_error_is_named_and_what_does_not_is_not() -> None:
 
 @pytest.mark.slow
 def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
-    scene = noisy(drive="force", further_modes=[SECOND], duration=25.0,
+    scene = noisy(drive="force", further_modes=[SECOND],
                   excitation={"random": {"psd": [[2.0, 1.5], [12.0, 1.5]], "unit": "m^2/Hz"}})  # fmt: skip
     chosen, bare, _ = least_rms(scene)
     own = Realisation(scene)
@@ -146,7 +147,7 @@ def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
 
 def test_where_the_grain_is_not_lifted_the_damper_stays_closed() -> None:
     quiet = {"tones": [{"amplitude": 1e-4, "frequency": 5.3}, {"amplitude": 1e-4, "frequency": 5.9}]}
-    chosen, _, _ = least_rms(noisy(excitation=quiet, duration=20.0))
+    chosen, _, _ = least_rms(noisy(excitation=quiet))
     assert (chosen.height, chosen.efficiency) == (0.017, 0.0)
     assert chosen.no_use.startswith("the damper is of no use: the best height found, ")
     assert chosen.no_use.endswith(" % off the RMS; it stays closed")
@@ -154,19 +155,19 @@ def test_where_the_grain_is_not_lifted_the_damper_stays_closed() -> None:
 
 def test_heights_keep_to_the_ceiling_s_range() -> None:
     ceiling = {"closed": 0.05, "range": [0.05, 0.08], "speed": 0.3, "controller": "direct"}
-    chosen, _, _ = least_rms(noisy(ceiling=ceiling, duration=20.0))
+    chosen, _, _ = least_rms(noisy(ceiling=ceiling))
     assert 0.05 <= chosen.height <= 0.08
 
 
 def test_the_command_selects_by_rms_and_refuses_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tones = {"tones": [{"amplitude": 0.004, "frequency": 5.3}, {"amplitude": 0.003, "frequency": 5.9}]}
-    scene = scene_from_mapping(noisy(15.0, excitation=tones).to_mapping())
+    scene = scene_from_mapping(noisy(excitation=tones).to_mapping())
     file = tmp_path / "tones.yaml"
     file.write_text(scene.to_yaml())
     assert main(["select", str(file), "--method", "direct", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["measure"] == "root mean square"
-    assert found["amplitude"] == pytest.approx(simulate(scene.with_(height=found["height"])).rms, rel=1e-9)
+    assert found["amplitude"] == pytest.approx(simulate(scene.with_(height=found["height"]), check=False).rms, rel=1e-9)
     assert [stage["name"] for stage in found["stages"]] == ["RMS", "as good"]
     for given in (["--method", "pca"], ["--method", "direct", "--margin", "2"]):
         assert main(["select", str(file), *given]) == 2

@@ -102,7 +102,8 @@ def real(request: pytest.FixtureRequest, tmp_path: Path, libraries: Path) -> Ite
     made.drive.close()
 
 
-def test_it_is_off_until_it_is_enabled_and_commanded(rig: Rig) -> None:
+def test_it_follows_commands_within_its_limits_and_is_off_otherwise(rig: Rig) -> None:
+    """One process of the output, whose start takes longest, from its connection to its end."""
     assert rig.drive.turn(time.monotonic_ns()).mode is ExciterMode.UNCONFIGURED
     assert rig.drive.connect()
     assert rig.drive.turn(time.monotonic_ns()).mode is ExciterMode.OFF
@@ -110,10 +111,17 @@ def test_it_is_off_until_it_is_enabled_and_commanded(rig: Rig) -> None:
         rig.drive.follow(SINE)
     rig.drive.enable()
     rig.turn_until(lambda output: output.mode is ExciterMode.OFF)
+    comes_to_the_command_and_stops_within_its_time(rig)
+    what_is_outside_the_limits_changes_nothing(rig)
+    off_is_confirmed_and_lasts_until_it_is_enabled(rig)
+    rig.drive.close()
+    rig.drive.close()
+    assert rig.drive.turn(time.monotonic_ns()).mode is ExciterMode.UNCONFIGURED
 
 
-def test_it_comes_to_the_command_and_stops_within_its_time(rig: Rig) -> None:
-    rig.run()
+def comes_to_the_command_and_stops_within_its_time(rig: Rig) -> None:
+    rig.drive.follow(SINE)
+    rig.turn_until(lambda output: output.mode is ExciterMode.RUNNING)
     output = rig.drive.turn(time.monotonic_ns())
     assert (output.sequence, output.kind) == (7, ExciterKind.SINE)
     assert output.amplitude == pytest.approx(0.01)
@@ -127,16 +135,16 @@ def test_it_comes_to_the_command_and_stops_within_its_time(rig: Rig) -> None:
     rig.turn_until(lambda output: output.mode is ExciterMode.OFF)
 
 
-def test_what_is_outside_the_limits_is_refused_and_changes_nothing(rig: Rig) -> None:
-    rig.run()
+def what_is_outside_the_limits_changes_nothing(rig: Rig) -> None:
+    rig.drive.follow(SINE)
+    rig.turn_until(lambda output: output.mode is ExciterMode.RUNNING)
     for wrong in (Command(ExciterKind.SINE, 0.02, 5.4), Command(ExciterKind.SINE, 0.01, 10.0)):
         with pytest.raises(CommandRefusedError):
             rig.drive.follow(wrong)
     rig.turn_until(lambda output: output.mode is ExciterMode.RUNNING and output.sequence == 7)
 
 
-def test_off_is_confirmed_and_lasts_until_it_is_enabled(rig: Rig) -> None:
-    rig.run()
+def off_is_confirmed_and_lasts_until_it_is_enabled(rig: Rig) -> None:
     begin = time.monotonic()
     rig.drive.off()
     assert time.monotonic() - begin < 0.2 + BUSY
@@ -146,45 +154,23 @@ def test_off_is_confirmed_and_lasts_until_it_is_enabled(rig: Rig) -> None:
     rig.drive.enable()
     rig.drive.follow(SINE)
     rig.turn_until(lambda output: output.mode is ExciterMode.RUNNING)
-    rig.drive.close()
-    rig.drive.close()
-    assert rig.drive.turn(time.monotonic_ns()).mode is ExciterMode.UNCONFIGURED
 
 
-def test_the_voltage_is_that_of_the_calibration_and_rests_after_off(real: Rig) -> None:
+def test_the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off(real: Rig) -> None:
     real.run()
     largest = max(looks(real, 400))
     # 5.4 Hz at 2 Hz/V; 0.01 m at 0.02 m/V
     assert largest == pytest.approx(2.7 if real.rest == 0.0 else 0.5, rel=2e-3)
+    # the node hangs: it ramps down, and comes back by a command only
     real.drive.follow(SINE)  # it was silent for longer than it may
     real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and real.away > 0.1)
-    real.drive.off()
-    assert real.away == 0.0
-    real.drive.close()
-    assert real.away == 0.0
-
-
-def test_it_ramps_down_where_the_node_hangs_and_comes_back_by_a_command_only(real: Rig) -> None:
-    real.run()
     assert until(lambda: real.away < 1e-3 and steady(real)) < 0.5 + BUSY
     real.turn_until(lambda output: output.mode is ExciterMode.OFF)
     assert real.away < 1e-3
-
-
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
-def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig, how: signal.Signals) -> None:
-    real.run()
-    assert isinstance(real.drive, GuardedDrive)
-    assert real.drive._process is not None
-    os.kill(real.drive._process.pid, how)
-    with pytest.raises(OutputLostError, match="switched off"):
-        real.turn_until(lambda _output: False)
-    assert real.away == 0.0
-    real.run()  # and may be connected again
-
-
-def test_signals_of_a_terminal_do_not_end_the_output_before_its_node(real: Rig) -> None:
-    real.run()
+    noise_is_put_out_and_comes_back_by_a_command_after_silence(real)
+    real.drive.follow(SINE)
+    real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and real.away > 0.1)
+    # signals of a terminal do not end the output before its node
     assert isinstance(real.drive, GuardedDrive)
     process = real.drive._process
     assert process is not None
@@ -194,6 +180,20 @@ def test_signals_of_a_terminal_do_not_end_the_output_before_its_node(real: Rig) 
         process.wait(0.3)
     real.drive.off()
     assert real.away == 0.0
+    real.drive.close()
+    assert real.away == 0.0
+
+
+def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig) -> None:
+    for how in (signal.SIGKILL, signal.SIGSTOP):
+        real.run()
+        assert isinstance(real.drive, GuardedDrive)
+        assert real.drive._process is not None
+        os.kill(real.drive._process.pid, how)
+        with pytest.raises(OutputLostError, match="switched off"):
+            real.turn_until(lambda _output: False)
+        assert real.away == 0.0
+    real.run()  # and may be connected again
 
 
 @pytest.mark.parametrize("backend", REAL)
@@ -208,10 +208,8 @@ def test_no_voltage_leaves_the_range_of_the_calibration(backend: str, tmp_path: 
     assert largest == pytest.approx(max(abs(value - made.rest) for value in allowed), rel=2e-3)
 
 
-def test_noise_is_put_out_and_comes_back_by_a_command_after_silence(real: Rig) -> None:
+def noise_is_put_out_and_comes_back_by_a_command_after_silence(real: Rig) -> None:
     noise = Command(ExciterKind.RANDOM, 0.002, 2.0, 8.0, seed=1, sequence=3)
-    real.drive.connect()
-    real.drive.enable()
     if real.settings.backend == "labjack_dac":
         with pytest.raises(CommandRefusedError, match="given RANDOM; backend labjack_dac"):
             real.drive.follow(noise)

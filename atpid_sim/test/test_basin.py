@@ -90,13 +90,13 @@ class Naive:
         grain: Array = self.weight + self.grain * self.gravity / (self.mass * self.natural**2)
         return -grain
 
-    def driven(self, time: Array) -> tuple[Array, Array]:
+    def driven(self, time: float | Array) -> tuple[Array, Array]:
         """Displacements and velocities that the drive alone gives, about the rest of the structure without a grain."""
         turned = self.answer * np.exp(1j * (self.omega * time + 2.0 * math.pi * self.phase))
         return turned.imag - self.weight, (1j * self.omega * turned).imag
 
-    def moved(self, states: Array, time: Array, after: Array) -> Array:
-        """Free motion of section states (2 modes + 2, n) from times (n,) on."""
+    def moved(self, states: Array, time: float | Array, after: float | Array) -> Array:
+        """Free motion of section states (2 modes + 2, n) from times on, for durations: one of all, or (n,)."""
         (x, v), (x1, v1) = self.driven(time), self.driven(time + after)
         a, b = states[:-2:2] - x, states[1:-2:2] - v
         s, c, fade = np.sin(self.damped * after), np.cos(self.damped * after), np.exp(-self.decay * after)
@@ -108,8 +108,8 @@ class Naive:
         later[-1] = states[-1] - self.gravity * after
         return later
 
-    def stepped(self, states: Array, time: Array) -> Array:
-        later = self.moved(states, time, np.full(states.shape[1], self.step))
+    def stepped(self, states: Array, time: float) -> Array:
+        later = self.moved(states, time, self.step)
         for floor in (True, False):
             gap0, gap1 = (
                 gap if floor else self.clearance - gap
@@ -117,14 +117,16 @@ class Naive:
             )
             closing = (later[1:-2:2].sum(axis=0) - later[-1]) * (1.0 if floor else -1.0) > 0.0
             hit = np.flatnonzero((gap1 < 0.0) & closing)
+            if not len(hit):
+                continue
             share = np.clip(gap0[hit] / np.maximum(gap0[hit] - gap1[hit], 1e-300), 0.0, 1.0)
-            struck = self.moved(states[:, hit], time[hit], share * self.step)
+            struck = self.moved(states[:, hit], time, share * self.step)
             impulse = (1.0 + self.restitution) * (struck[1:-2:2].sum(axis=0) - struck[-1]) * self.effective * self.grain
             impulse /= self.effective + self.grain
             impulse = np.maximum(impulse, 0.0) if floor else np.minimum(impulse, 0.0)
             struck[1:-2:2] -= impulse / self.mass
             struck[-1] += impulse / self.grain
-            ended = self.moved(struck, time[hit] + share * self.step, (1.0 - share) * self.step)
+            ended = self.moved(struck, time + share * self.step, (1.0 - share) * self.step)
             wall = ended[:-2:2].sum(axis=0) + (0.0 if floor else self.clearance)
             ended[-2] = np.maximum(ended[-2], wall) if floor else np.minimum(ended[-2], wall)
             later[:, hit] = ended
@@ -132,10 +134,12 @@ class Naive:
 
     def run(self, states: Array, begin: NDArray[np.int64], end: int) -> Array:
         """Run states from their step `begin` (n,) to the step `end`."""
-        states = states.copy()
-        for k in range(int(begin.min()), end):
+        states, all_run = states.copy(), int(begin.max())
+        for k in range(int(begin.min()), all_run):
             on = np.flatnonzero(begin <= k)
-            states[:, on] = self.stepped(states[:, on], np.full(len(on), k * self.step))
+            states[:, on] = self.stepped(states[:, on], k * self.step)
+        for k in range(all_run, end):
+            states = self.stepped(states, k * self.step)
         return states
 
 
@@ -154,7 +158,7 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
     else:
         course = [motion.section[:, None]]
         for k in range(STEPS * motion.periods - 1):
-            course.append(naive.stepped(course[-1], np.array([k * naive.step])))
+            course.append(naive.stepped(course[-1], k * naive.step))
         states, way = np.concatenate(course, axis=1)[:, begin], rng.uniform(0.0, 2.0 * math.pi, count)
         states[1:-2:2] += starts.kick * np.cos(way) * naive.effective / naive.mass
         states[-1] += starts.kick * np.sin(way)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small bag cut off anywhere, or with changed bits: a clear result, the whole chunks, and the bag as it was.
 
-Every third byte of a bag with three messages, and some places of one with blocks of samples; every byte of both and a
+Every seventh byte of a bag with three messages, and some places of one with blocks of samples; every byte of both and a
 thousand copies with `make fuzz`.
 """
 
@@ -29,7 +29,7 @@ from atpid_control.runs.writer import BagWriter
 
 LONG = settings.get_current_profile_name() == "long"
 #: Bytes between two cuts of the smallest bag and of the other, changed copies, and the longest that one may take [s].
-LEAST_STEP, STEP, COPIES, LONGEST = (1, 1, 1000, 5.0) if LONG else (3, 151, 20, 5.0)
+LEAST_STEP, STEP, COPIES, LONGEST = (1, 1, 1000, 5.0) if LONG else (7, 151, 20, 5.0)
 TOPICS = ("/sensors/laser", "/ceiling/command")
 
 
