@@ -13,10 +13,10 @@ CONTRACT = TEST + "contract.py::test_"
 SIGNALS = TEST + "signals.py::test_"
 HOLD = TEST + "hold.py::test_"
 PERMITTED = OVER_DDS + "it_runs_only_while_the_supervisor_permits"
-HANGS = CONTRACT + "it_ramps_down_where_the_node_hangs_and_comes_back_by_a_command_only"
+HANGS = CONTRACT + "the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off"
 LOST = CONTRACT + "where_its_process_is_killed_or_hangs_the_node_switches_off"
 KILLED = CONTRACT + "where_all_processes_are_killed_the_devices_watchdog_acts"
-REFUSED = CONTRACT + "what_is_outside_the_limits_is_refused_and_changes_nothing"
+REFUSED = CONTRACT + "it_follows_commands_within_its_limits_and_is_off_otherwise"
 
 MUTATIONS = (
     _in(
@@ -122,7 +122,7 @@ MUTATIONS = (
         'self._wait("off", self._settings.stop_time + _CONFIRM)',
         "pass",
         "the operator is answered that a shaker is off that is on",
-        CONTRACT + "the_voltage_is_that_of_the_calibration_and_rests_after_off",
+        CONTRACT + "the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off",
     ),
     _in(
         "off lasts until the next command",
@@ -130,7 +130,7 @@ MUTATIONS = (
         "        self._enabled = False\n        if self._partner is not None:",
         "        if self._partner is not None:",
         "a stop is ended by any command",
-        CONTRACT + "off_is_confirmed_and_lasts_until_it_is_enabled",
+        CONTRACT + "it_follows_commands_within_its_limits_and_is_off_otherwise",
     ),
     _in(
         "a silent node ends nothing",
@@ -154,7 +154,7 @@ MUTATIONS = (
         "signal.signal(number, signal.SIG_IGN)",
         "pass",
         "the node loses its output while it stops, and reports a fault",
-        CONTRACT + "signals_of_a_terminal_do_not_end_the_output_before_its_node",
+        CONTRACT + "the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off",
     ),
     _in(
         "no watchdog",
@@ -210,7 +210,7 @@ MUTATIONS = (
         "self._fall = self.amplitude / self.settings.stop_time",
         "self._fall = 0.1 * self.amplitude / self.settings.stop_time",
         "the shaker runs on for more than the stated time",
-        CONTRACT + "it_comes_to_the_command_and_stops_within_its_time",
+        CONTRACT + "it_follows_commands_within_its_limits_and_is_off_otherwise",
     ),
     _in(
         "a sweep that is not held goes on",
