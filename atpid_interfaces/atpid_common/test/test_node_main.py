@@ -34,6 +34,35 @@ class Own(Node):
 
 sys.exit(run_node(Own))
 """
+#: Takes the time given to be made, as where its libraries load slowly. It ends with status 0 once another one of its
+#: name has come and gone, with 2 where that stayed: for 0.2 s, a fiftieth of the usual time.
+SLOW = """
+import sys, time
+from rclpy.node import Node
+from rclpy.task import Future
+from atpid_common.nodes import single_instance
+from atpid_common.nodes.node_main import run_node
+
+single_instance._TRANSIENT = 0.2
+
+class Own(Node):
+    def __init__(self):
+        super().__init__("own")
+        self.done, self.seen = Future(), False
+        time.sleep(float(sys.argv[1]))
+        self.create_timer(0.02, self.look)
+        print("made", flush=True)
+
+    def look(self):
+        alone = single_instance.is_alone(self)
+        if single_instance.started_twice(self):
+            self.done.set_result(2)
+        elif alone and self.seen:
+            self.done.set_result(0)
+        self.seen |= not alone
+
+sys.exit(run_node(Own))
+"""
 #: Publishes a time, as a replay does, until it is stopped.
 CLOCK = """
 import rclpy
@@ -133,3 +162,16 @@ def test_the_process_ends_where_the_middleware_waits_for_ever(status: int) -> No
     assert done.returncode == status
     assert "Timeout" in done.stderr
     assert 'File "<string>", line 7' in done.stderr
+
+
+def test_a_node_that_runs_stays_however_long_a_second_one_takes_to_be_refused() -> None:
+    with subprocess.Popen([sys.executable, "-c", SLOW, "0"], stdout=subprocess.PIPE, text=True) as first:
+        try:
+            assert first.stdout is not None
+            assert first.stdout.readline() == "made\n"
+            again = subprocess.run([sys.executable, "-c", SLOW, "2"], capture_output=True, text=True, timeout=100.0)
+            assert again.returncode == 2, again.stderr
+            assert "error: /own is already running in this ROS domain" in again.stderr
+            assert first.wait(100.0) == 0
+        finally:
+            first.kill()

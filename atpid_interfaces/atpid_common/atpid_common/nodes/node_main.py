@@ -30,7 +30,7 @@ from atpid_common.middleware import confine, named_domain
 from atpid_common.nodes.clock_step import ClockStepWatch
 from atpid_common.nodes.leaving import leaving
 from atpid_common.nodes.parameters import Entry, ParameterError, declare, refuse_undeclared
-from atpid_common.nodes.single_instance import claim
+from atpid_common.nodes.single_instance import claim, starting
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.real_time import LOOP_PRIORITY, request
 
@@ -68,7 +68,8 @@ def run_node(
         try:
             with _rcl_silent():
                 initialise(args)
-            node = make()
+            with starting():
+                node = make()
             interrupt.defer()
             lockstep = node.has_parameter("lockstep") and node.get_parameter("lockstep").value
             wanted = declare(node, (replace(PARAMETERS[0], default=0 if lockstep else priority), *PARAMETERS[1:]))

@@ -4,7 +4,11 @@
 
 import os
 import socket
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
 from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
@@ -12,8 +16,7 @@ from rclpy.node import Node
 from atpid_common.claim import claimed
 from atpid_common.errors import InputError
 
-#: Discovery keeps a node that has left for a moment, and one that is refused its claim on this machine is in the graph
-#: until its libraries are loaded, which takes seconds beside other programs; only one that stays longer counts [s].
+#: Discovery keeps a node that has left for a moment; only one that stays longer counts [s].
 _TRANSIENT = 10.0
 _first_seen: WeakKeyDictionary[Node, float] = WeakKeyDictionary()
 
@@ -27,10 +30,21 @@ def claim(name: str) -> socket.socket:
 
     So no time is lost waiting for discovery. Raises StartedTwiceError.
     """
-    holder = claimed(f"{os.environ.get('ROS_DOMAIN_ID', '0')}{name}")
+    holder = claimed(_in_domain(name))
     if holder is None:
         raise StartedTwiceError(_text(name))
     return holder
+
+
+@contextmanager
+def starting() -> Iterator[None]:
+    """Hold, while this program makes a node, which is in the graph before it is refused its claim: `started_twice`."""
+    holder = claimed(_starting())
+    try:
+        yield
+    finally:
+        if holder is not None:
+            holder.close()
 
 
 def is_alone(node: Node) -> bool:
@@ -42,15 +56,32 @@ def is_alone(node: Node) -> bool:
 def started_twice(node: Node) -> bool:
     """Return whether another node of this name stays in the graph, which is logged; to be called repeatedly.
 
-    One that is started on this machine is refused its claim and leaves at once, so a short appearance does not count.
+    One that is started on this machine is refused its claim and leaves, so a short appearance does not count, nor the
+    time in which this program is starting once more: on a busy machine it may load for a minute.
     """
-    if is_alone(node):
+    if is_alone(node) or _starts_again():
         _first_seen.pop(node, None)
         return False
     twice = time.monotonic() - _first_seen.setdefault(node, time.monotonic()) > _TRANSIENT
     if twice:
         node.get_logger().error(_text(node.get_fully_qualified_name()))
     return twice
+
+
+def _starts_again() -> bool:
+    probe = claimed(_starting())
+    if probe is None:
+        return True
+    with closing(probe):
+        return False
+
+
+def _starting() -> str:
+    return _in_domain(f" starting {Path(sys.argv[0]).stem}")
+
+
+def _in_domain(name: str) -> str:
+    return f"{os.environ.get('ROS_DOMAIN_ID', '0')}{name}"
 
 
 def _text(name: str) -> str:
