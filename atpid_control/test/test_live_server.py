@@ -228,6 +228,8 @@ def test_a_browser_that_does_not_read_delays_no_other_and_is_sent_everything_lat
             while not (found := set(server.browsers) - before):
                 await until(quick, "news")
             (stalled,) = found
+            while stalled.behind:  # until everything so far is on its way to it
+                await until(quick, "news")
             while stalled.ready or not stalled.behind:
                 await until(quick, "news")  # which goes on
             slow.settimeout(30.0)

@@ -66,7 +66,7 @@ def _weights(place):
 
 @lean
 def _head(table, place, first, weights):
-    """One number of the heads between the rows."""
+    """One number of the heads between the rows; with a literal `place` it would be compiled for each."""
     if table.values.shape[0] == 1:
         return table.heads[0, place]
     total = 0.0
@@ -94,13 +94,13 @@ def read(table, speed, b, rate, curvature, chi, eta, found):
             return False
         first = min(max(int(place) - 1, 0), rows - 4)
         weights = _weights(place - first)
-    critical = _head(table, CRITICAL, first, weights)
-    duration = _head(table, FREE_DURATION, first, weights)
+    critical = _head(table, np.int64(CRITICAL), first, weights)
+    duration = _head(table, np.int64(FREE_DURATION), first, weights)
     by_rate, by_curvature = rate * time * time / speed, curvature * time * time * time / speed
     by_damper, by_spring = chi * time, eta * time * time
     alpha = b * time / speed + duration * (by_rate + 0.5 * duration * by_curvature)
-    alpha += by_damper * _head(table, FREE_IMPULSE, first, weights)
-    alpha += by_spring * _head(table, FREE_SHIFT, first, weights)
+    alpha += by_damper * _head(table, np.int64(FREE_IMPULSE), first, weights)
+    alpha += by_spring * _head(table, np.int64(FREE_SHIFT), first, weights)
     if not table.lowest <= alpha < critical:
         return False
     zeta = math.sqrt((critical - alpha) / (critical - table.lowest))

@@ -198,7 +198,7 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
     """The same, of a system with room for what is computed of its modes."""
     with_grain = mass != system.beam_mass
     diameter = 2.0 * system.radius
-    stuck, fast = 0, _fast(system, law, p)
+    stuck, fast = np.int64(0), _fast(system, law, p)  # with a literal 0 what takes it would be compiled twice
     if fidelity == Fidelity.SIMPLIFIED and not with_grain:
         n[at.MODE] = at.FREE
     for row in range(table.shape[0]):
