@@ -229,7 +229,7 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
             fault = _fault(fidelity, y, segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau, diameter)
             if fault != Outcome.DONE:
                 return fault
-            stuck = stuck + 1 if tau == before else 0
+            stuck = stuck + 1 if tau == before else np.int64(0)
             if stuck > STALLED:
                 return Outcome.STALLED
         if length < end - start:
