@@ -34,8 +34,8 @@ class Own(Node):
 
 sys.exit(run_node(Own))
 """
-#: Takes the time given to be made, as where its libraries load slowly. It ends with status 0 once another one of its
-#: name has come and gone, with 2 where that stayed: for 0.2 s, a fiftieth of the usual time.
+#: Is being made until it is given a line. It prints when another one of its name has stayed for 1 s, and ends with
+#: status 0 once that is gone, with 2 where it gave way itself: after 0.2 s, a fiftieth of the usual time.
 SLOW = """
 import sys, time
 from rclpy.node import Node
@@ -48,8 +48,8 @@ single_instance._TRANSIENT = 0.2
 class Own(Node):
     def __init__(self):
         super().__init__("own")
-        self.done, self.seen = Future(), False
-        time.sleep(float(sys.argv[1]))
+        self.done, self.together = Future(), None
+        sys.stdin.readline()
         self.create_timer(0.02, self.look)
         print("made", flush=True)
 
@@ -57,9 +57,13 @@ class Own(Node):
         alone = single_instance.is_alone(self)
         if single_instance.started_twice(self):
             self.done.set_result(2)
-        elif alone and self.seen:
+        elif self.together is None:
+            self.together = None if alone else time.monotonic()
+        elif alone:
             self.done.set_result(0)
-        self.seen |= not alone
+        elif time.monotonic() - self.together > 5 * single_instance._TRANSIENT:
+            print("together", flush=True)
+            self.together = float("inf")
 
 sys.exit(run_node(Own))
 """
@@ -165,13 +169,22 @@ def test_the_process_ends_where_the_middleware_waits_for_ever(status: int) -> No
 
 
 def test_a_node_that_runs_stays_however_long_a_second_one_takes_to_be_refused() -> None:
-    with subprocess.Popen([sys.executable, "-c", SLOW, "0"], stdout=subprocess.PIPE, text=True) as first:
+    command, piped = [sys.executable, "-c", SLOW], subprocess.PIPE
+    with subprocess.Popen(command, stdin=piped, stdout=piped, text=True) as first:
         try:
+            assert first.stdin is not None
             assert first.stdout is not None
+            first.stdin.write("\n")
+            first.stdin.flush()
             assert first.stdout.readline() == "made\n"
-            again = subprocess.run([sys.executable, "-c", SLOW, "2"], capture_output=True, text=True, timeout=100.0)
-            assert again.returncode == 2, again.stderr
-            assert "error: /own is already running in this ROS domain" in again.stderr
+            with subprocess.Popen(command, stdin=piped, stdout=piped, stderr=piped, text=True) as second:
+                try:
+                    assert first.stdout.readline() == "together\n"
+                    _, errors = second.communicate("\n", timeout=100.0)
+                finally:
+                    second.kill()
+            assert second.returncode == 2, errors
+            assert "error: /own is already running in this ROS domain" in errors
             assert first.wait(100.0) == 0
         finally:
             first.kill()
