@@ -26,10 +26,13 @@ HARMONICS_FROM = 1.5
 @compiled
 def chosen_columns(active: Flags) -> NDArray[np.int64]:
     """Return the columns of the base and of the groups that joined."""
-    chosen = np.arange(col.COUNT) < col.BASE
+    chosen, count = np.arange(col.COUNT), col.BASE
     for g in range(len(col.GROUPS)):
-        chosen[col.GROUPS[g][0] : col.GROUPS[g][1]] |= active[g]
-    return np.flatnonzero(chosen)
+        for k in range(col.GROUPS[g][0], col.GROUPS[g][1]):
+            if active[g]:
+                chosen[count] = k
+                count += 1
+    return chosen[:count]
 
 
 @compiled
@@ -127,17 +130,22 @@ def foreign_residual(
     returns it. Columns of changes are overwritten.
     """
     amplitude = np.hypot(tone[2], tone[3])
-    unit = (tone[2] * columns[col.COSINE] + tone[3] * columns[col.SINE]) / amplitude
     highest, least = _described(columns, y, amplitude, active)[0] + gain + PENALTY, np.inf
     for cut in range(0, 50, 5):  # half of the time a crest is cut off, in degrees of the tone; 0: the subharmonic
         trial = active.copy()
         trial[col.FIRST_RECENT] = True
         if cut > 0:
             trial[1], level = False, np.cos(np.radians(cut))
-            columns[col.RECENT], columns[col.RECENT + 1] = np.maximum(unit, level), np.minimum(unit, -level)
+            for i in range(t.size):
+                unit = (tone[2] * columns[col.COSINE, i] + tone[3] * columns[col.SINE, i]) / amplitude
+                columns[col.RECENT, i], columns[col.RECENT + 1, i] = max(unit, level), min(unit, -level)
         elif tone[1] * scale >= np.pi * HARMONICS_FROM:
             trial[0] = trial[col.CURVED] = False  # much like half a cycle of it
-            columns[col.RECENT], columns[col.RECENT + 1] = np.cos(0.5 * tone[1] * t), np.sin(0.5 * tone[1] * t)
+            for i in range(t.size):
+                columns[col.RECENT, i], columns[col.RECENT + 1, i] = (
+                    np.cos(0.5 * tone[1] * t[i]),
+                    np.sin(0.5 * tone[1] * t[i]),
+                )
         else:
             continue
         score, left = _described(columns, y, amplitude, trial)

@@ -10,7 +10,7 @@ exceeds `EVIDENCE` (under white noise in one of 700 windows) the bars are the la
 
 import numpy as np
 
-from atpid_control.identification.linear import Indices, compiled, factor, gram, substitute
+from atpid_control.identification.linear import Indices, compiled, dot, factor, gram, substitute
 from atpid_sim.system import Array
 
 #: Least number of blocks in which a window is averaged; memories of the noise in blocks, its variance over the white's.
@@ -33,36 +33,29 @@ def widening(
     """
     factors, plain, size = np.ones(gradients.shape[0]), True, chosen.size
     stride = max(1, left.size // BLOCKS)
-    last = _blocks(left, stride)
-    keep, past, joint = np.exp(-1.0 / MEMORIES[1]), 0.0, 0.0
+    rows = np.empty((size + 1, left.size // stride))
+    _write_blocks(left, stride, rows[size])
+    last, keep, past, joint = rows[size], np.exp(-1.0 / MEMORIES[1]), 0.0, 0.0
     for value in last:
         joint += past * value
         past = keep * (past + value)
-    if not joint > EXAMINED * np.sum(last * last):
+    if not joint > EXAMINED * dot(last, last):
         return factors, plain
-    rows = np.empty((size + 1, last.size))
-    rows[size] = last
     for i in range(size):
-        rows[i] = _blocks(columns[chosen[i]], stride)
-    noises = [
-        (memory, share, _likelihood(rows, np.exp(-1.0 / memory), share)) for memory in MEMORIES for share in SHARES
-    ]
-    logs = np.array([found[0] for _, _, found in noises])
-    highest = logs.max()
-    if highest + np.log(np.exp(logs - highest).mean()) <= _likelihood(rows, 0.0, 0.0)[0] + np.log(EVIDENCE):
-        return factors, plain
-    white = np.sum(left * left) / (left.size - size)
-    for memory, share, (log, variance) in noises:
-        if log < highest - LIKELY:
-            continue
+        _write_blocks(columns[chosen[i]], stride, rows[i])
+    noises, white = _likely_noises(rows), dot(left, left) / (left.size - size)
+    for noise in range(len(noises)):
+        memory, share, variance = noises[noise, 0], noises[noise, 1], noises[noise, 3]
         plain &= memory * turns <= last.size or share < ALONE
         for k in range(factors.size):
-            weights, effects = gradients[k].copy(), np.zeros(last.size)
+            weights = gradients[k].copy()
             substitute(lower, size, weights)
-            for i in range(size):
-                effects += weights[i] * rows[i]
-            past, joint, own = 0.0, 0.0, np.sum(effects * effects)
-            for effect in effects:
+            past, joint, own = 0.0, 0.0, 0.0
+            for j in range(last.size):
+                effect = 0.0
+                for i in range(size):
+                    effect += weights[i] * rows[i, j]
+                own += effect * effect
                 joint += 2.0 * past * effect
                 past = np.exp(-1.0 / memory) * (past + effect)
             factors[k] = max(factors[k], np.sqrt(variance / white * (1.0 + share * (1.0 + joint / own))))
@@ -70,10 +63,39 @@ def widening(
 
 
 @compiled
-def _blocks(values: Array, stride: int) -> Array:
-    """Return the sums of `stride` values each, up to the newest, over the root of their number."""
-    whole = np.ascontiguousarray(values[values.size % stride :]).reshape(-1, stride)
-    return np.asarray(whole.sum(axis=1) / np.sqrt(stride))
+def _likely_noises(rows: Array) -> Array:
+    """Return memory, share, log-likelihood and white variance [m^2] of the likely noises (m, 4); of none where white.
+
+    rows: as in `_likelihood`.
+    """
+    noises, likely = np.empty((len(MEMORIES) * len(SHARES), 4)), 0
+    highest, evidence = -np.inf, 0.0
+    for noise in range(len(noises)):
+        memory, share = MEMORIES[noise // len(SHARES)], SHARES[noise % len(SHARES)]
+        noises[noise, 0], noises[noise, 1] = memory, share
+        noises[noise, 2], noises[noise, 3] = _likelihood(rows, np.exp(-1.0 / memory), share)
+        highest = max(highest, noises[noise, 2])
+    for noise in range(len(noises)):
+        evidence += np.exp(noises[noise, 2] - highest) / len(noises)
+    if highest + np.log(evidence) <= _likelihood(rows, 0.0, 0.0)[0] + np.log(EVIDENCE):
+        return noises[:0]
+    for noise in range(len(noises)):
+        if noises[noise, 2] >= highest - LIKELY:
+            for k in range(4):
+                noises[likely, k] = noises[noise, k]
+            likely += 1
+    return noises[:likely]
+
+
+@compiled
+def _write_blocks(values: Array, stride: int, out: Array) -> None:
+    """Write the sums of `stride` values each, up to the newest, over the root of their number, into `out` (blocks,)."""
+    first = values.size % stride
+    for j in range(out.size):
+        total = 0.0
+        for i in range(first + j * stride, first + (j + 1) * stride):
+            total += values[i]
+        out[j] = total / np.sqrt(stride)
 
 
 @compiled
@@ -96,5 +118,7 @@ def _likelihood(rows: Array, keep: float, share: float) -> tuple[float, float]:
     gram(white, np.arange(every), matrix)
     if not factor(matrix, np.arange(every), lower):
         return -np.inf, 0.0
-    roots = np.diag(lower)
-    return -0.5 * logs - np.log(roots[:-1]).sum() - free * np.log(roots[-1]), roots[-1] ** 2 / (free - 2.0)
+    for i in range(every - 1):
+        logs += 2.0 * np.log(lower[i, i])
+    last = lower[every - 1, every - 1]
+    return -0.5 * logs - free * np.log(last), last**2 / (free - 2.0)

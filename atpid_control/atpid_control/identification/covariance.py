@@ -7,7 +7,7 @@ import numpy as np
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import FLOOR, Flags, chosen_columns, residual_of
 from atpid_control.identification.coloured import widening
-from atpid_control.identification.linear import compiled, dot, factor, gram, inverse_corner, project, substitute
+from atpid_control.identification.linear import compiled, dot, factor, gram, inverse_corner, least_squares
 from atpid_sim.system import Array
 
 OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
@@ -78,11 +78,14 @@ def _rounding(y: Array, variance: float, amplitude: float, periods: float) -> fl
     Without noise of q / sqrt(12) a crest is read as one value for sqrt(2 q / A) / pi of a period, with one error in all
     of it. For crests anywhere between two readings, and the fit's weights 2 / n, that makes q^3 / (45 A) a period.
     """
-    steps = np.abs(np.diff(y))
-    moved = steps[steps > 0.0]
-    if moved.size > (1.0 - COARSE) * steps.size or moved.size == 0 or variance > moved.min() ** 2 / 8.0:
+    moved, least = 0, np.inf
+    for i in range(1, y.size):
+        step = abs(y[i] - y[i - 1])
+        if step > 0.0:
+            moved, least = moved + 1, min(least, step)
+    if moved > (1.0 - COARSE) * (y.size - 1) or moved == 0 or variance > least**2 / 8.0:
         return 0.0
-    return float(moved.min() ** 3 / (45.0 * amplitude * periods))
+    return float(least**3 / (45.0 * amplitude * periods))
 
 
 @compiled
@@ -91,15 +94,11 @@ def _slope(columns: Array, left: Array, active: Flags, variance: float) -> tuple
     base = chosen_columns(active)
     chosen = np.empty(base.size + 1, dtype=np.int64)
     chosen[0] = col.SLOPE
-    chosen[1:] = base
-    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    lower, solution = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    gram(columns, chosen, matrix)
-    project(columns, chosen, left, vector)
-    if not factor(matrix, chosen, lower):
+    for k in range(base.size):
+        chosen[k + 1] = base[k]
+    independent, solution, lower = least_squares(columns, chosen, left)
+    if not independent:
         return 0.0, np.inf
-    solution[: chosen.size] = vector[chosen]
-    substitute(lower, chosen.size, solution)
     return solution[0], np.sqrt(variance * inverse_corner(lower, chosen.size, 1)[0, 0])
 
 
@@ -109,15 +108,9 @@ def _harmonic_content(columns: Array, left: Array, tone: Array, active: Flags, v
     trial = active.copy()
     trial[1] = True
     chosen = chosen_columns(trial)
-    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    lower = np.zeros((col.COUNT, col.COUNT))
-    gram(columns, chosen, matrix)
-    project(columns, chosen, left, vector)
-    if not factor(matrix, chosen, lower):
+    independent, solution, _ = least_squares(columns, chosen, left)
+    if not independent:
         return 0.0
-    solution = np.zeros(col.COUNT)
-    solution[: chosen.size] = vector[chosen]
-    substitute(lower, chosen.size, solution)
     power = 0.0
     for i in range(chosen.size):
         if col.HARMONICS <= chosen[i] < col.HUM:

@@ -23,7 +23,7 @@ from atpid_control.identification.covariance import (
     PHASE,
     RESIDUAL,
 )  # fmt: skip
-from atpid_control.identification.linear import compiled, dot, explained, factor, gram, project, substitute
+from atpid_control.identification.linear import compiled, dot, explained, least_squares
 from atpid_sim.system import Array
 
 #: Place of the group of columns with which amplitude and frequency change at constant rates.
@@ -50,16 +50,12 @@ def follow_drift(
     rates = active.copy()
     rates[RATES] = True
     chosen = chosen_columns(rates)
-    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    lower, solution = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    gram(columns, chosen, matrix)
-    project(columns, chosen, residual_of(columns, y, tone, active), vector)
-    if t.size <= chosen.size or not factor(matrix, chosen, lower):
+    independent, solution, lower = least_squares(columns, chosen, residual_of(columns, y, tone, active))
+    if t.size <= chosen.size or not independent:
         return
-    solution[: chosen.size] = vector[chosen]
-    substitute(lower, chosen.size, solution)
     bent = tone.copy()
-    bent[2 + chosen] += solution[: chosen.size]
+    for k in range(chosen.size):
+        bent[2 + chosen[k]] += solution[k]
     a, b = bent[2], bent[3]
     amplitude = np.hypot(a, b)
     if not amplitude > 0.0:

@@ -90,6 +90,25 @@ def substitute(lower: Array, count: int, vector: Array) -> None:
 
 
 @compiled
+def least_squares(columns: Array, chosen: Indices, signal: Array) -> tuple[bool, Array, Array]:
+    """Return whether the `chosen` rows of `columns` (p, n) are independent, their coefficients (k,), and their factor.
+
+    signal (n,): what they are fitted to; the factor (p, p) is that of the normal equations.
+    """
+    size = columns.shape[0]
+    matrix, vector, lower = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
+    gram(columns, chosen, matrix)
+    project(columns, chosen, signal, vector)
+    coefficients = np.empty(chosen.size)
+    for k in range(chosen.size):
+        coefficients[k] = vector[chosen[k]]
+    independent = factor(matrix, chosen, lower)
+    if independent:
+        substitute(lower, chosen.size, coefficients)
+    return independent, coefficients, lower
+
+
+@compiled
 def explained(lower: Array, vector: Array, chosen: Indices) -> float:
     """Return the sum of squares that the factored columns explain of a signal with scalar products `vector`."""
     partial = np.empty(chosen.size)

@@ -16,7 +16,7 @@ from atpid_control.identification.choice import HARMONICS_FROM, Flags, best_grou
 from atpid_control.identification.choice import foreign_residual as foreign
 from atpid_control.identification.covariance import CHANGE, FOREIGN, OK, RESULTS, USED, WIDENED, report
 from atpid_control.identification.drifting import follow_drift
-from atpid_control.identification.linear import compiled, factor, gram, project, substitute
+from atpid_control.identification.linear import compiled, least_squares
 from atpid_sim.system import Array
 
 #: Gauss-Newton steps; three do, from the seed.
@@ -62,7 +62,20 @@ def fit_sine(
     change is accepted; `slow` [1/s] is the relative rate up to which a drift of the frequency is none. No NaN may be
     among the samples. None is returned where no tone can be fitted.
     """
-    out = _fit(tau, signal, omega, hum, threshold, slow)
+    if tau.size < 10:
+        return None
+    # one after the other from here: compiled as one they take a third longer to compile
+    out, active = np.zeros(RESULTS), np.zeros(len(col.GROUPS), dtype=np.bool_)
+    scale = 0.5 * float(tau[-1] - tau[0])
+    centre = float(tau[0]) + scale
+    columns, t, y, tone, best, out[CHANGE] = _model(tau - centre, signal, omega, hum, scale, -centre, threshold, active)
+    if tone[0] == 0.0:
+        return None
+    report(out, columns, y, tone, scale, centre, active)
+    short = tone[1] * scale < np.pi * HARMONICS_FROM
+    if out[WIDENED] > 1.0 or active.any() or out[CHANGE] > 0.0 or short:
+        out[FOREIGN] = min(out[FOREIGN], foreign(columns, t, y, tone, scale, active, out[CHANGE]))
+    follow_drift(out, columns, t, y, tone, (hum, scale), active, (slow, threshold), best)
     if out[OK] == 0.0 or not np.all(np.isfinite(out[:FOREIGN])):
         return None
     values = {name: float(value) for name, value in zip(_VALUES, out[1:USED], strict=True)}
@@ -71,48 +84,48 @@ def fit_sine(
 
 
 @compiled
-def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float, slow: float) -> Array:
-    out = np.zeros(RESULTS)
-    count = tau.size
-    if count < 10:
-        return out
-    keep = np.ones(count, dtype=np.bool_)
-    rejecting = True
-    active = np.zeros(len(col.GROUPS), dtype=np.bool_)
-    scale = 0.5 * (tau[-1] - tau[0])
-    columns = np.zeros((col.COUNT, count))
-    centre = tau[0] + scale
-    t, y = tau - centre, signal.copy()
-    used, best = count, -1
+def _model(
+    every: Array,
+    signal: Array,
+    omega: float,
+    hum: float,
+    scale: float,
+    end: float,
+    threshold: float,
+    active: Flags,
+) -> tuple[Array, Array, Array, Array, int, float]:
+    """Return columns, instants `t` and signal `y` without spikes, tone, and which group changes it, by what likelihood.
+
+    every: instants of the `signal` (n,) from its centre [s]; the steady groups that join are entered into `active`.
+    """
+    count = every.size
+    keep, rejecting = np.ones(count, dtype=np.bool_), True
+    columns, t, y = np.zeros((col.COUNT, count)), every, signal.copy()
+    best, change = -1, 0.0
     for turn in range(ROUNDS):
         tone = _converge(columns, t, y, omega, hum, scale, active)
         if tone[0] == 0.0:
-            return out
+            break
         omega = tone[1]
         if rejecting and turn < SPIKE_ROUNDS:
-            whole = columns if used == count else _steady_columns(tau - centre, tone, hum, scale)
+            whole = columns if t.size == count else _steady_columns(every, tone, hum, scale)
             fresh, rejecting = without_spikes(whole, signal, tone, scale, active, keep)
             if not rejecting:
                 fresh = np.ones(count, dtype=np.bool_)
             if not np.array_equal(fresh, keep):
                 keep = fresh
-                t, y = tau[keep] - centre, signal[keep]
-                used = t.size
-                columns = np.zeros((col.COUNT, used))
+                t, y = every[keep], signal[keep]
+                columns = np.zeros((col.COUNT, t.size))
                 continue
-        best, gain = best_group(columns, t, y, tone, hum, scale, -centre, active)
+        best, gain = best_group(columns, t, y, tone, hum, scale, end, active)
         if best < 0 or (best >= col.STEADY_GROUPS and gain < threshold):
             break
         if best >= col.STEADY_GROUPS:
-            out[CHANGE] = gain
+            change = gain
             break
         active[best] = True
         active[col.CURVED] = active[0] and omega * scale >= np.pi * HARMONICS_FROM
-    report(out, columns, y, tone, scale, centre, active)
-    if out[WIDENED] > 1.0 or active.any() or out[CHANGE] > 0.0 or omega * scale < np.pi * HARMONICS_FROM:
-        out[FOREIGN] = min(out[FOREIGN], foreign(columns, t, y, tone, scale, active, out[CHANGE]))
-    follow_drift(out, columns, t, y, tone, (hum, scale), active, (slow, threshold), best)
-    return out
+    return columns, t, y, tone, best, change
 
 
 @compiled
@@ -129,9 +142,7 @@ def _steady_columns(t: Array, tone: Array, hum: float, scale: float) -> Array:
 def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scale: float, active: Flags) -> Array:
     """Gauss-Newton on the frequency, everything else solved for exactly; return ok, omega, then the coefficients."""
     chosen = chosen_columns(active)
-    tone = np.zeros(2 + col.COUNT)
-    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
-    lower, solution = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    tone, solution = np.zeros(2 + col.COUNT), np.zeros(0)
     col.write_constant(columns, t, hum, scale)
     cosine, sine, first = 0.0, 0.0, True
     for _ in range(STEPS):
@@ -139,12 +150,9 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
         if active[1]:
             col.write_harmonics(columns)
         used = chosen[chosen != col.PHASE_RATE] if first else chosen
-        gram(columns, used, matrix)
-        project(columns, used, y, vector)
-        if not factor(matrix, used, lower):
+        independent, solution, _ = least_squares(columns, used, y)
+        if not independent:
             return tone
-        solution[: used.size] = vector[used]
-        substitute(lower, used.size, solution)
         cosine, sine = solution[0], solution[1]
         if first:
             first = False
@@ -158,6 +166,7 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
         if abs(step) * scale < CONVERGED:
             break
     tone[0], tone[1] = 1.0, omega
-    tone[2 + chosen] = solution[: chosen.size]
+    for k in range(chosen.size):
+        tone[2 + chosen[k]] = solution[k]
     tone[2 + col.PHASE_RATE] = 0.0
     return tone
