@@ -244,9 +244,9 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
 
     `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
     extremes shall be exact; `sampling`: (first instant, period) [s]; `out`: series (SAMPLE_ROWS, samples); `impacts`:
-    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`, else None. y and n are the
-    state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain integers:
-    numba converts a member of an enumeration in 10 us.
+    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`, else None. y and n
+    are the state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain
+    integers: numba converts a member of an enumeration in 10 us.
     """
     control = _control(fidelity, table, system, law, p, rtol, budget, y)
     outcome = _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts)
