@@ -20,9 +20,10 @@ from graph_runs import without_domain
 from page_visit import visited
 
 from atpid_common.vocabulary import Mode, Quality, Severity
+from atpid_control.analysis.signals import Signals
 from atpid_control.campaign.folder import CampaignFolder
 from atpid_control.campaign.judge import Judge, is_random
-from atpid_control.campaign.model import StandModel, model_of
+from atpid_control.campaign.model import StandModel, by_steady_tone, model_of
 from atpid_control.campaign.plan import Point, Rules, points_of, read_campaign
 from atpid_control.campaign.run import run_campaign
 from atpid_control.campaign.stands import Stand
@@ -227,6 +228,27 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
     assert model.restitution == pytest.approx(restitution(scene), abs=4.0 * model.restitution_std)
     wrong = {name: findings for name, findings in visited(out / "index.html").items() if findings}
     assert wrong == {}
+
+
+@pytest.mark.parametrize(("ratio", "left"), [(0.95, 0.0), (0.98, 0.005), (1.0, 0.002)])
+def test_what_is_left_of_the_motion_before_is_in_the_error(ratio: float, left: float) -> None:
+    """Closed form, 12 phases each; left: of the free vibration when a part begins, relative to the steady one [-]."""
+    chance, mass, stiffness, damping, rate = np.random.default_rng(1), 0.362, 427.6, 0.56, 1000.0
+    natural, decay = math.sqrt(stiffness / mass), 0.5 * damping / mass
+    omega = ratio * natural
+    times = np.arange(0.0, 40.0 * math.pi / omega, 1.0 / rate)
+    spring = stiffness + 1j * omega * damping
+    response = spring / (spring - mass * omega**2)
+    off = []
+    for turn, other in chance.uniform(0.0, 2.0 * math.pi, (12, 2)):
+        drive = 0.01 * np.exp(1j * (omega * times + turn))
+        free = np.exp(-decay * times) * np.cos(math.sqrt(natural**2 - decay**2) * times + other)
+        beam = (response * drive).real + left * 0.01 * abs(response) * free
+        noise = 20e-6 * chance.standard_normal((2, len(times)))
+        found, covariance = by_steady_tone(Signals(rate, drive.real + noise[0], beam + noise[1], start=3.0))
+        off.append((found - [natural**2, 2.0 * decay]) / np.sqrt(np.diag(covariance)))
+    deviations = np.sqrt(np.mean(np.square(off), axis=0))
+    assert np.all((deviations > 0.3) & (deviations < 1.8))  # of their standard deviations
 
 
 def calibrated(campaign: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> StandModel:

@@ -13,7 +13,7 @@ from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_sim.system import Array
 
 #: Periods that the fit needs; change of amplitude within the part from which it is named [-].
-_FEWEST, _CHANGE = 5.0, 0.05
+FEWEST, _CHANGE = 5.0, 0.05
 #: Periods of a window in which the excitation's amplitude is followed, and by how much it may differ [-].
 _WINDOW, _SAME = 6.0, 0.02
 #: Share of the largest amplitude below which the excitation is off [-].
@@ -60,8 +60,8 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     """Return orders 1 to `count` of the response, and the excitation's tone. Raises AnalysisError."""
     frequency = tone_of(signals.excitation, signals.rate)
     count = min(count, int(0.45 * signals.rate / frequency))
-    if signals.duration * frequency < _FEWEST or count < 1:
-        raise AnalysisError(f"{signals.duration * frequency:.2g} periods of the excitation; needed: {_FEWEST:g}")
+    if signals.duration * frequency < FEWEST or count < 1:
+        raise AnalysisError(f"{signals.duration * frequency:.2g} periods of the excitation; needed: {FEWEST:g}")
     time = np.arange(len(signals.response)) / signals.rate
     given, _, _, _ = _fit(time, signals.excitation, frequency, 1)
     found, residual, used, offset = _fit(time, signals.response, frequency, count)

@@ -14,7 +14,7 @@ from atpid_control.analysis.beam.fit import BeamFit
 from atpid_control.analysis.beam.masses import BeamParameters, from_added_mass, from_known_mass
 from atpid_control.analysis.contact.estimate import ContactError
 from atpid_control.analysis.contact.in_run import fit_part
-from atpid_control.analysis.orders import orders
+from atpid_control.analysis.orders import FEWEST, orders
 from atpid_control.analysis.signals import Signals, signals_of
 from atpid_control.campaign.folder import MEASURED, CampaignFolder, Record
 from atpid_control.campaign.plan import Campaign, CampaignError
@@ -115,24 +115,40 @@ def _part(folder: CampaignFolder, record: Record) -> tuple[Run, Signals]:
 
 
 def _beam(folder: CampaignFolder, records: Sequence[Record]) -> BeamFit:
-    """Return what steady tones determine: with H = X / U, k/m + i w c/m = w^2 H / (H - 1).
+    """Return what steady tones determine.
 
     A fit of the motion itself, as `calibrate beam` makes, would take a tone for the beam's own free one.
     """
-    values, covariances = [], []
-    for record in records:
-        signals = _part(folder, record)[1]
-        beam, drive = (orders(replace(signals, response=one), 1) for one in (signals.response, signals.excitation))
-        ratio, omega = beam.excitation_ratio * cmath.exp(1j * beam.phase[0]), 2.0 * math.pi * beam.frequency
-        found = omega**2 * ratio / (ratio - 1.0)
-        error = math.hypot(beam.amplitude_std[0], abs(ratio) * drive.amplitude_std[0]) / beam.excitation
-        error *= omega**2 / abs(ratio - 1.0) ** 2
-        values.append([found.real, found.imag / omega])
-        covariances.append(np.diag([error**2, (error / omega) ** 2]))
-    (stiffness, damping), covariance = _mean(np.array(values), np.array(covariances))
+    found = [by_steady_tone(_part(folder, record)[1]) for record in records]
+    values, covariances = (np.array(each) for each in zip(*found, strict=True))
+    (stiffness, damping), covariance = _mean(values, covariances)
     covariance[0, 0] += (_GIVES_WAY * stiffness) ** 2
     unknown = math.nan  # of residuals in time
     return BeamFit(float(stiffness), float(damping), covariance, unknown, unknown, unknown, True, 0)
+
+
+def by_steady_tone(signals: Signals) -> tuple[Array, Array]:
+    """Return k/m [1/s^2] and c/m [1/s] by a part with a steady tone, and their covariance (2, 2).
+
+    What is left of the motion before is no noise. It decays, so the halves of the part differ by more than noise makes
+    them; what they do is added.
+    """
+    found, error, omega = _resistance(signals)
+    half = max(0.5 * signals.duration, 1.02 * FEWEST * 2.0 * math.pi / omega)
+    end = signals.start + signals.duration
+    parts = signals.between(signals.start, signals.start + half), signals.between(end - half, math.inf)
+    early, late = (_resistance(part)[0] for part in parts)
+    apart = np.array([(late - early).real, (late - early).imag])
+    variances = error**2 + np.maximum(0.0, apart**2 - 4.0 * error**2)  # by noise halves are two errors apart
+    return np.array([found.real, found.imag / omega]), np.diag(variances / [1.0, omega**2])
+
+
+def _resistance(signals: Signals) -> tuple[complex, float, float]:
+    """Return k/m + i w c/m [1/s^2] by a steady tone, w^2 H / (H - 1) with H = X / U, its error, and w [rad/s]."""
+    beam, drive = (orders(replace(signals, response=one), 1) for one in (signals.response, signals.excitation))
+    ratio, omega = beam.excitation_ratio * cmath.exp(1j * beam.phase[0]), 2.0 * math.pi * beam.frequency
+    error = math.hypot(beam.amplitude_std[0], abs(ratio) * drive.amplitude_std[0]) / beam.excitation
+    return omega**2 * ratio / (ratio - 1.0), error * omega**2 / abs(ratio - 1.0) ** 2, omega
 
 
 def _mean(values: Array, covariances: Array) -> tuple[Array, Array]:

@@ -215,10 +215,10 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
         tau, until = y[at.TIME] - start, length
         while tau < until:
             before = tau
-            if contacts is not None:  # decided when this is compiled, so that it is without what is not called
-                tau = _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, contacts)
-            elif fidelity == Fidelity.SOFT:
+            if fidelity == Fidelity.SOFT:
                 tau = _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts)
+            elif fidelity == Fidelity.FINITE:
+                tau = _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, contacts)
             elif fidelity == Fidelity.IMPACT:
                 tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck, fast)
             else:
@@ -244,9 +244,9 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
 
     `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
     extremes shall be exact; `sampling`: (first instant, period) [s]; `out`: series (SAMPLE_ROWS, samples); `impacts`:
-    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`, else None. y and n
-    are the state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain
-    integers: numba converts a member of an enumeration in 10 us.
+    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`. y and n are the
+    state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain integers:
+    numba converts a member of an enumeration in 10 us.
     """
     control = _control(fidelity, table, system, law, p, rtol, budget, y)
     outcome = _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts)

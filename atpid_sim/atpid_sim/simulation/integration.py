@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
-from atpid_sim.engine.contact_table import ContactTable
+from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.sections import Sections, sections_of
 from atpid_sim.engine.several_dampers import integrate_dampers
@@ -146,7 +146,7 @@ class Integration:
         self.fidelity, self.rtol = fidelity, rtol
         self._dampers = dampers_of(self.scene) if several and fidelity == "impact" else None
         self._fidelity = int(Fidelity[fidelity.upper()])
-        self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else None
+        self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
 
     def at_level(self, fidelity: str, rtol: float) -> Integration:
         """Return the same integration at another fidelity level and relative tolerance; raises as the constructor."""
@@ -221,7 +221,7 @@ class Integration:
         return np.column_stack((moved, np.full(len(moved), pace))).ravel()[: len(self.sections.places)]
 
     @property
-    def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable | None]:
+    def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
         """What every kernel of a run takes: fidelity, system, mass, law and its parameters, rtol, table of contacts."""
         return self._fidelity, self.system, self._mass, *self.contact, self.rtol, self._contacts
 
