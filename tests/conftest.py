@@ -12,13 +12,21 @@ __all__ = ["pytest_sessionfinish"]  # a hook
 ROOT = Path(__file__).resolve().parent.parent
 
 
+#: Files that are moved, and the folder whose first test they go before.
+MOVED = {
+    "test_batch.py": "atpid_driver", "test_basin.py": "atpid_driver", "test_installation.py": "atpid_control",
+    "test_modal_periodic.py": "tests",
+}  # fmt: skip
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put what takes longest before the last package, so that the others run beside it and not before it."""
-    longest = [item for item in items if item.path.name == "test_installation.py"]
-    others = [item for item in items if item.path.name != "test_installation.py"]
-    places = (place for place, item in enumerate(others) if "atpid_control" in item.path.parts)
-    place = next(places, len(others))
-    items[:] = [*others[:place], *longest, *others[place:]]
+    """Put what takes longest beside other files, and apart what compiles the same kernels: at once each would do so."""
+    moved = {name: [item for item in items if item.path.name == name] for name in MOVED}
+    items[:] = [item for item in items if item.path.name not in MOVED]
+    for name, folder in MOVED.items():
+        places = (place for place, item in enumerate(items) if item.path.relative_to(ROOT).parts[0] == folder)
+        place = next(places, len(items))
+        items[place:place] = moved[name]
 
 
 @pytest.fixture(scope="session")

@@ -9,11 +9,11 @@ from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SupervisorState
 from graph_runs import parameters, scene_file
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.parts import SUPERVISOR
 from atpid_control.stand.processes import NodeProcess, Processes
@@ -73,7 +73,7 @@ class Supervised:
         self.commands = dict(commands_of(file))
         others = [(name, command) for name, command in self.commands.items() if name != SUPERVISOR.name]
         self.nodes = Processes(others, folder, restarts=1)
-        self.executor, self.watch = SingleThreadedExecutor(), Watch()
+        self.executor, self.watch = TurnExecutor(), Watch()
         self.executor.add_node(self.watch)
 
     def supervise(self, **changes: Any) -> NodeProcess:

@@ -11,11 +11,11 @@ import rclpy
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATUS
+from atpid_common.nodes.turns import TurnExecutor
 
 TIMEOUT = 100.0
 N = TypeVar("N", bound=Node)
@@ -27,7 +27,7 @@ class Bench:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.peer = Node("peer", context=self.context)
         self.blocks: list[SampleBlock] = []
         self.handshakes: list[SampleBlock] = []

@@ -14,12 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_driver.nodes.motor_node import MotorNode
 
 SIMULATED: dict[str, Any] = {
@@ -41,7 +41,7 @@ class Stand:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.peer = Node("peer", context=self.context)
         self.executor.add_node(self.peer)
         self.states: list[CeilingState] = []

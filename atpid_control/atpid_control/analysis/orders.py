@@ -3,7 +3,7 @@
 """Orders: amplitude and phase at multiples of the excitation's frequency, by least squares, and the distortion."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,8 @@ _OFF = 0.05
 #: Change of the excitation's frequency from half to half, times the duration, from which it is named [-]: order 1 then
 #: loses 0.1 % of its amplitude, order 6 4 %.
 _DRIFT = 0.1
-#: Share of a bracket that a step of the golden section keeps [-].
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+#: Steps to the frequency of a tone, at most; of a clear one four do.
+_STEPS = 20
 #: Samples fitted at once.
 _PIECE = 1 << 16
 #: Parts in which the residual is summed beside each order, and lines on either side of it that give its density.
@@ -116,17 +116,25 @@ def tone_of(values: Array, rate: float) -> float:
         raise AnalysisError("no excitation: the signal that should excite is constant; choose another with --input")
     lines = np.abs(np.fft.rfft(part * np.hanning(len(part))))
     place = int(np.argmax(lines[1:])) + 1
-    step, time = rate / len(part), np.arange(len(part)) / rate
+    above = place + 1 < len(lines) and lines[place + 1] > lines[place - 1]
+    share = float(lines[place + (1 if above else -1)] / lines[place])  # of a tone between two lines of this window
+    step, time = 2.0 * math.pi * rate / len(part), (np.arange(len(part)) - 0.5 * len(part)) / rate
+    omega = (place + math.copysign(max(0.0, 2.0 * share - 1.0) / (share + 1.0), above - 0.5)) * step
+    sine = cosine = 0.0
 
-    def left(frequency: float) -> float:
-        return _fit(time, part, frequency, 1)[1]
+    def columns(piece: Any) -> Array:
+        turns = omega * time[piece]
+        waves = np.sin(turns), np.cos(turns)
+        ahead = (sine * waves[1] - cosine * waves[0]) / (math.hypot(sine, cosine) or 1.0)
+        return np.column_stack([np.ones(len(turns)), *waves, time[piece] * ahead])
 
-    low, high = max(0.25, place - 1.0) * step, (place + 1.0) * step
-    # by golden section: the import of scipy.optimize would take longer than the rest of a report's analysis
-    while high - low > 1e-7 * high:
-        inner = _GOLDEN * (high - low)
-        low, high = (low, low + inner) if left(high - inner) < left(low + inner) else (high - inner, high)
-    return 0.5 * (low + high)
+    for _ in range(_STEPS):  # Gauss-Newton; the first time the last column is zero
+        (_, sine, cosine, change), _ = _solved(_pieces(np.arange(len(part))), part, columns)
+        before, change = omega, change / (math.hypot(sine, cosine) or 1.0)
+        omega = min(max(omega + change, max(0.25, place - 1.0) * step), (place + 1.0) * step)
+        if 0.0 < abs(omega - before) < 1e-10 * omega:
+            break
+    return omega / (2.0 * math.pi)
 
 
 def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int, float]:
@@ -142,16 +150,17 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
         turns = 2.0 * math.pi * frequency * np.outer(time[piece], np.arange(1, count + 1))
         return np.column_stack([np.ones(len(turns)), np.sin(turns), np.cos(turns)])
 
-    size = 2 * count + 1
-    gram, sums = np.zeros((size, size)), np.zeros(size)
-    for piece in pieces:
-        made = columns(piece)
-        gram += made.T @ made
-        sums += made.T @ values[piece]
-    solved, *_ = np.linalg.lstsq(gram, sums, rcond=None)
-    power = sum(float(np.sum((values[piece] - columns(piece) @ solved) ** 2)) for piece in pieces)
-    used = max(1, len(valid) - size)
+    solved, power = _solved(pieces, values, columns)
+    used = max(1, len(valid) - 2 * count - 1)
     return solved[1 : 1 + count] + 1j * solved[1 + count :], math.sqrt(power / used), used, float(solved[0])
+
+
+def _solved(pieces: list[Any], values: Array, columns: Callable[[Any], Array]) -> tuple[Array, float]:
+    """Return the coefficients of the columns, and the residual's sum of squares."""
+    sums = [(made.T @ made, made.T @ values[piece]) for piece in pieces for made in (columns(piece),)]
+    gram, joint = (sum(each) for each in zip(*sums, strict=True))
+    solved, *_ = np.linalg.lstsq(gram, joint, rcond=None)
+    return solved, sum(float(np.sum((values[piece] - columns(piece) @ solved) ** 2)) for piece in pieces)
 
 
 def _pieces(valid: Any) -> list[Any]:
