@@ -13,18 +13,18 @@ import pytest
 import rclpy
 from atpid_interfaces.msg import Excitation
 from rcl_interfaces.msg import Log
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.stand.nodes.composition import ROSOUT, BenchWatch, _uninterrupted
 
 
 @pytest.fixture
-def reported() -> Iterator[tuple[list[str], BenchWatch, Node, SingleThreadedExecutor]]:
+def reported() -> Iterator[tuple[list[str], BenchWatch, Node, TurnExecutor]]:
     rclpy.init()
     lines: list[str] = []
-    watch, peer, executor = BenchWatch(lines.append), Node("peer", enable_rosout=False), SingleThreadedExecutor()
+    watch, peer, executor = BenchWatch(lines.append), Node("peer", enable_rosout=False), TurnExecutor()
     executor.add_node(watch)
     yield lines, watch, peer, executor
     for node in (watch, peer):
@@ -41,7 +41,7 @@ def log(text: str, moment: float) -> Log:
 
 
 def test_a_warning_of_before_the_first_estimate_is_reported_once_and_later_ones_are_not(
-    reported: tuple[list[str], BenchWatch, Node, SingleThreadedExecutor],
+    reported: tuple[list[str], BenchWatch, Node, TurnExecutor],
 ) -> None:
     lines, watch, peer, executor = reported
     logs = peer.create_publisher(Log, "/rosout", ROSOUT)

@@ -95,7 +95,7 @@ RUN = {
         r"python -m atpid_driver\.nodes\.acquisition_node": "test_its_samples_arrive",
     },
     "tests/test_exciter_stops.py": {
-        r"python -m studies exciter-stops": "test_a_stop_and_kills_end_with_the_output_off"
+        r"python -m studies exciter-stops": "test_a_stop_and_a_kill_end_with_the_output_off"
     },
     "tests/test_graph_excitation.py": {r"atpid excite ": "test_an_operator_excites_until_ctrl_c"},
     "tests/test_graph_real_time.py": {r"atpid bench .*--real-time": "test_nothing_is_lost_in_real_time"},

@@ -15,11 +15,11 @@ BUSY = 0.3
 
 
 @pytest.mark.timeout(600)
-def test_a_stop_and_kills_end_with_the_output_off() -> None:
+def test_a_stop_and_a_kill_end_with_the_output_off() -> None:
     if missing_tools():
         assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
         pytest.skip(f"left out: the real firmware on the emulated board; missing {', '.join(missing_tools())}")
-    names = ("service `supervisor_node/stop`", "its output process killed", "excitation_node killed")
+    names = ("service `supervisor_node/stop`", "excitation_node killed")
     seen = measured([way for way in ALL if way.name in names])
     assert {way.name for way, _ in seen} == set(names)
     for way, off in seen:

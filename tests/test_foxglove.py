@@ -17,11 +17,11 @@ import pytest
 import rclpy
 from atpid_interfaces.msg import CeilingState, SampleBlock
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosbags.typesys import Stores, get_typestore
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.foxglove_node import FoxgloveNode
 from atpid_control.stand.domain import own_domain
 from atpid_control.views.traces.records import NUMBER, TEXT
@@ -114,7 +114,7 @@ class Graph:
         self.stand = Node("stand", context=context)
         self.laser = self.stand.create_publisher(SampleBlock, "sensors/laser", 10)
         self.ceiling = self.stand.create_publisher(CeilingState, "ceiling/state", 10)
-        self._executor = SingleThreadedExecutor(context=context)
+        self._executor = TurnExecutor(context=context)
         for node in (self.served, self.stand):
             self._executor.add_node(node)
 

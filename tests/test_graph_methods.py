@@ -10,11 +10,11 @@ import pytest
 import rclpy
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation
 from graph_runs import in_lockstep, parameters, scene_file
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import EVENTS, STATES, time_of
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.runs.run import open_run
 from atpid_control.stand.summary import unanswered_blocks
@@ -56,7 +56,7 @@ def test_a_controller_that_takes_long_is_reported_in_real_time(scenes: Path, tmp
         path = scenes / "stepped_4_8.yaml"
         _, given = parameters(path, tmp_path, lockstep=lockstep)
         overrides = [Parameter(name, value=value) for name, value in given["selector_node"].items()]
-        selector, peer, executor = SelectorNode(parameter_overrides=overrides), Node("peer"), SingleThreadedExecutor()
+        selector, peer, executor = SelectorNode(parameter_overrides=overrides), Node("peer"), TurnExecutor()
         slow: Any = Slow(selector._controller)
         selector._controller = slow
         commands: list[CeilingCommand] = []

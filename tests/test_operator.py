@@ -18,13 +18,13 @@ import rclpy
 from atpid_interfaces.msg import CeilingState, SupervisorState
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.stand.domain import own_domain
 from atpid_control.views.live.requests import read_request
@@ -39,7 +39,7 @@ class Desk:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor, self.node = SingleThreadedExecutor(context=self.context), Node("desk", context=self.context)
+        self.executor, self.node = TurnExecutor(context=self.context), Node("desk", context=self.context)
         self.executor.add_node(self.node)
         self.supervisor: list[tuple[float, SupervisorState]] = []
         self.ceiling: list[CeilingState] = []

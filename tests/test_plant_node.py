@@ -15,13 +15,13 @@ from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBloc
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph_runs import scene_file
 from rcl_interfaces.msg import Log
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from atpid_common.nodes import recorder_watch
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_sim.nodes.plant_node import PlantNode
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
@@ -91,7 +91,7 @@ def graph(scenes: Path, tmp_path: Path) -> Iterator[Start]:
     """Make a plant node beside a peer; spin both until a condition holds."""
     rclpy.init()
     made: list[Node] = []
-    executor = SingleThreadedExecutor()
+    executor = TurnExecutor()
 
     def start(
         make_plant: Callable[[Scene], Any],

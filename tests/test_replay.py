@@ -15,7 +15,6 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation, SampleBlock
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -23,6 +22,7 @@ from test_recording_node import ros as ros
 from test_recording_node import spin_until
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.identification.linear import LEAST_PIVOT
 from atpid_control.nodes.replay_node import ReplayNode
 from atpid_control.runs.errors import BagError
@@ -71,7 +71,7 @@ def lockstep(scene_file: Path, bag: Path) -> None:
     run_lockstep([(part.package, part.name) for part in PARTS], parameters, lambda _: None)
 
 
-def replay(executor: SingleThreadedExecutor, bag: Path, scene: Path, out: Path, rate: float) -> ReplayNode:
+def replay(executor: TurnExecutor, bag: Path, scene: Path, out: Path, rate: float) -> ReplayNode:
     """Replay `bag` into a fresh identifier and selector, and record what they answer."""
     own = parameters_for_replay(bag, scene, out, rate)
     nodes = {}
@@ -138,7 +138,7 @@ def close(one: Any, other: Any) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.0, 8.0])
 def test_a_replay_gives_the_recorded_estimates_and_commands(
-    ros: SingleThreadedExecutor, recorded: Path, tmp_path: Path, rate: float
+    ros: TurnExecutor, recorded: Path, tmp_path: Path, rate: float
 ) -> None:
     replay(ros, recorded, scene_of(recorded, tmp_path), tmp_path / "replayed", rate)
     before, after = open_bag(recorded), open_bag(tmp_path / "replayed")
@@ -158,7 +158,7 @@ def test_the_tolerance_of_a_replay_is_that_of_the_arithmetic() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bag", SHIPPED, ids=lambda path: path.name)
-def test_the_bags_that_come_with_the_project(ros: SingleThreadedExecutor, bag: Path, tmp_path: Path) -> None:
+def test_the_bags_that_come_with_the_project(ros: TurnExecutor, bag: Path, tmp_path: Path) -> None:
     verify(bag)
     replay(ros, bag, scene_of(bag, tmp_path), tmp_path / "replayed", 0.0)
     before, after = open_bag(bag), open_bag(tmp_path / "replayed")
@@ -203,7 +203,7 @@ class Loop(Node):
         self.finished = event.text if event.kind == "finished" else self.finished
 
 
-def player(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tuple[ReplayNode, Loop]:
+def player(executor: TurnExecutor, bag: Path, **parameters: Any) -> tuple[ReplayNode, Loop]:
     overrides = [Parameter(name, value=value) for name, value in {"bag": str(bag), **parameters}.items()]
     nodes = ReplayNode(parameter_overrides=overrides), Loop()
     for node in nodes:
@@ -211,7 +211,7 @@ def player(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tu
     return nodes
 
 
-def test_only_sensors_are_played_unless_asked(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_only_sensors_are_played_unless_asked(ros: TurnExecutor, recorded: Path) -> None:
     node, loop = player(ros, recorded, rate=0.0)
     assert set(node.playback.topics) == {"/sensors/laser"}
     spin_until(ros, node.done.done)
@@ -221,7 +221,7 @@ def test_only_sensors_are_played_unless_asked(ros: SingleThreadedExecutor, recor
 
 
 @pytest.mark.slow
-def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: TurnExecutor, recorded: Path) -> None:
     began = time.monotonic()
     node, loop = player(ros, recorded, rate=10.0)
     spin_until(ros, node.done.done)
@@ -231,7 +231,7 @@ def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: SingleThrea
     assert len(loop.blocks) == 80
 
 
-def test_a_replay_beside_a_live_source_is_refused(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_a_replay_beside_a_live_source_is_refused(ros: TurnExecutor, recorded: Path) -> None:
     source = Node("stand")
     source.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
     ros.add_node(source)
@@ -263,7 +263,7 @@ def bad_bags(folder: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
-def test_a_bad_bag_is_one_line(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_bad_bag_is_one_line(ros: TurnExecutor, tmp_path: Path) -> None:
     for bag, message in bad_bags(tmp_path).values():
         with pytest.raises(BagError, match=message) as caught:
             ReplayNode(parameter_overrides=[Parameter("bag", value=str(bag))])
@@ -284,7 +284,7 @@ def test_a_bad_bag_ends_the_process_with_status_2(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_ctrl_c_ends_a_replay_quietly(ros: TurnExecutor, recorded: Path) -> None:
     loop = Loop()
     ros.add_node(loop)
     executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/replay_node"

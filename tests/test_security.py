@@ -16,9 +16,9 @@ import rclpy
 from atpid_interfaces.msg import CeilingCommand, Event
 from graph_runs import parameters, scene_file
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.cli import main
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.stand.domain import own_domain
@@ -147,7 +147,7 @@ class Intruder:
         if self.node is None:
             rclpy.init(context=self.context)
             self.node = Node("intruder", context=self.context)
-            self.executor = SingleThreadedExecutor(context=self.context)
+            self.executor = TurnExecutor(context=self.context)
             self.executor.add_node(self.node)
             self.commands = self.node.create_publisher(CeilingCommand, "ceiling/command", 1)
             self.node.create_subscription(Event, "events", self.on_event, 100)

@@ -13,11 +13,11 @@ import rclpy
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation
 from atpid_interfaces.srv import SelectHeight
 from graph_runs import parameters
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_sim.scene import Scene
 
@@ -45,7 +45,7 @@ def pair(scenes: Path, tmp_path: Path) -> Iterator[Pair]:
     rclpy.init()
     scene, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=True)
     overrides = [Parameter(name, value=value) for name, value in given["selector_node"].items()]
-    selector, peer, executor = SelectorNode(parameter_overrides=overrides), Peer(), SingleThreadedExecutor()
+    selector, peer, executor = SelectorNode(parameter_overrides=overrides), Peer(), TurnExecutor()
     executor.add_node(selector)
     executor.add_node(peer)
 

@@ -17,12 +17,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph_runs import parameters
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from atpid_common.nodes.messages import EVENTS, STATES, time_of
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.selection import SelectionError
 
@@ -46,7 +46,7 @@ class Loop:
         self.peer.create_subscription(CeilingCommand, "ceiling/command", self.commands.append, STATES)
         self.peer.create_subscription(Event, "events", self.events.append, EVENTS)
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
-        self.executor = SingleThreadedExecutor()
+        self.executor = TurnExecutor()
         self.executor.add_node(self.selector)
         self.executor.add_node(self.peer)
         handshake = Excitation()

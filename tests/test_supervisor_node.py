@@ -11,12 +11,12 @@ import pytest
 import rclpy
 from atpid_interfaces.msg import CeilingCommand, Event, SampleBlock, SupervisorState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import BLOCKS, STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
 
@@ -36,7 +36,7 @@ class Run:
     def __init__(self, **parameters: Any) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.selector, self.peer = (Node(name, context=self.context) for name in ("selector_node", "peer"))
         given = {"nodes": ["selector_node"], "needed": ["selector_node"], "answer_time": PATIENT, "check_time": 0.0}
         values = [Parameter(name, value=value) for name, value in (given | parameters).items()]

@@ -14,11 +14,11 @@ import pytest
 import rclpy
 from atpid_interfaces.srv import SelectHeight
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
@@ -42,7 +42,7 @@ class Stand:
     def __init__(self, make: Callable[[str], HeightSelector] = MAKE) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.node = Node("selector_node", context=self.context)
         self.client = Node("client", context=self.context)
         self.latest: Estimate | None = None

@@ -14,12 +14,12 @@ import rclpy
 import yaml
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.parameters import ParameterError
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.identification import IdentificationError
 from atpid_control.loop.drift import WatchError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
@@ -43,7 +43,7 @@ class Stand:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.peer = Node("peer", context=self.context)
         self.executor.add_node(self.peer)
         self.estimates: list[Excitation] = []

@@ -15,9 +15,9 @@ from action_msgs.msg import GoalStatus
 from atpid_interfaces.action import ComputeMap
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.map_server import MapServer, summary_of
 from atpid_sim.maps import HeightMap
 
@@ -30,7 +30,7 @@ class Stand:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.nodes = [Node(name, context=self.context) for name in ("selector_node", "client")]
         self.server = MapServer(self.nodes[0])
         self.client = ActionClient(self.nodes[1], ComputeMap, "selector_node/compute_map")

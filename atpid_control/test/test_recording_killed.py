@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from test_recording_node import SCANS, Process, Source, spin_until
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover
 
@@ -24,7 +24,7 @@ MOST = 0.05
 def published_until_killed(folder: Path, after: float) -> tuple[list[float], float]:
     """Kill a recorder `after` so many seconds of blocks; return when each block was published, and the kill [s]."""
     rclpy.init()
-    ros, source, recorder = SingleThreadedExecutor(), Source(), Process(folder)
+    ros, source, recorder = TurnExecutor(), Source(), Process(folder)
     ros.add_node(source)
     sent: list[float] = []
     try:

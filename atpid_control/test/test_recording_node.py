@@ -26,7 +26,6 @@ from atpid_interfaces.msg import (
     SampleBlock,
 )
 from mcap.records import Attachment
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -36,6 +35,7 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
 from atpid_common.nodes.parameters import ParameterError
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import find_parts
@@ -109,9 +109,9 @@ class Source(Node):  # type: ignore[misc]
 
 
 @pytest.fixture
-def ros() -> Iterator[SingleThreadedExecutor]:
+def ros() -> Iterator[TurnExecutor]:
     rclpy.init()
-    executor = SingleThreadedExecutor()
+    executor = TurnExecutor()
     yield executor
     for node in executor.get_nodes():
         getattr(node, "close", lambda: None)()
@@ -120,14 +120,14 @@ def ros() -> Iterator[SingleThreadedExecutor]:
     rclpy.try_shutdown()
 
 
-def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], timeout: float = 100.0) -> None:
+def spin_until(executor: TurnExecutor, met: Callable[[], bool], timeout: float = 100.0) -> None:
     deadline = time.monotonic() + timeout
     while not met():
         assert time.monotonic() < deadline, "what the test waits for did not happen"
         executor.spin_once(timeout_sec=0.05)
 
 
-def make(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
+def make(executor: TurnExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
     overrides = [Parameter(name, value=value) for name, value in {"bag": str(bag), **parameters}.items()]
     recorder, source = RecorderNode(parameter_overrides=overrides), Source()
     executor.add_node(recorder)
@@ -136,9 +136,7 @@ def make(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tupl
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
-def test_a_run_is_recorded_from_handshake_to_finished(
-    ros: SingleThreadedExecutor, tmp_path: Path, lockstep: bool
-) -> None:
+def test_a_run_is_recorded_from_handshake_to_finished(ros: TurnExecutor, tmp_path: Path, lockstep: bool) -> None:
     recorder, source = make(ros, tmp_path / "run", lockstep=lockstep)
     spin_until(ros, source.ready)
     for number in range(30):
@@ -163,7 +161,7 @@ def test_a_run_is_recorded_from_handshake_to_finished(
     assert not recorder.error
 
 
-def test_a_strangers_end_does_not_end_the_record(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_strangers_end_does_not_end_the_record(ros: TurnExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
     source.say("events", 0, kind="started", node="plant_node")
@@ -178,7 +176,7 @@ def test_a_strangers_end_does_not_end_the_record(ros: SingleThreadedExecutor, tm
     assert not recorder.error
 
 
-def test_missing_scans_are_announced_and_recorded(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_missing_scans_are_announced_and_recorded(ros: TurnExecutor, tmp_path: Path) -> None:
     _, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
     for number in (0, 1, 3):
@@ -192,7 +190,7 @@ def test_missing_scans_are_announced_and_recorded(ros: SingleThreadedExecutor, t
 
 
 @pytest.mark.slow
-def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: TurnExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
     source.block(0)
@@ -204,7 +202,7 @@ def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: SingleThreade
 
 
 def test_a_full_disk_ends_the_recording_with_one_line(
-    ros: SingleThreadedExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder, source = make(ros, tmp_path / "run", sync_period=0.0)
     spin_until(ros, source.ready)
@@ -224,7 +222,7 @@ def test_a_full_disk_ends_the_recording_with_one_line(
 
 
 def test_a_disk_that_hangs_is_reported_and_nothing_waits_for_it(
-    ros: SingleThreadedExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
     monkeypatch.setattr(Sink, "sync", lambda _sink: released.wait(100.0))
@@ -247,7 +245,7 @@ def test_a_disk_that_hangs_is_reported_and_nothing_waits_for_it(
     assert "a power cut loses as much" in slow[0]
 
 
-def test_an_existing_bag_is_refused_before_anything_is_made(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_an_existing_bag_is_refused_before_anything_is_made(ros: TurnExecutor, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(BagError, match="exists already"):
         make(ros, tmp_path / "run")
@@ -275,7 +273,7 @@ class Process:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_end_by_a_signal_leaves_a_whole_bag(ros: SingleThreadedExecutor, tmp_path: Path, number: int) -> None:
+def test_an_end_by_a_signal_leaves_a_whole_bag(ros: TurnExecutor, tmp_path: Path, number: int) -> None:
     """What a kill leaves: test_recording_killed.py."""
     recorder, source = Process(tmp_path / "run", "sync_period:=0.05"), Source()
     ros.add_node(source)
@@ -302,7 +300,7 @@ def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_second_recorder_leaves_nothing_behind(ros: TurnExecutor, tmp_path: Path) -> None:
     first, source = Process(tmp_path / "first"), Source()
     ros.add_node(source)
     try:
@@ -319,7 +317,7 @@ def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tm
     assert os.listdir(tmp_path) == ["first"]
 
 
-def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: TurnExecutor, tmp_path: Path) -> None:
     early = Node("motor_node")
     ros.add_node(early)
     events = EventPublisher(early)
@@ -337,7 +335,7 @@ def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: SingleThreade
     early.destroy_node()
 
 
-def test_the_end_is_that_of_a_source_not_of_anybody(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_the_end_is_that_of_a_source_not_of_anybody(ros: TurnExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
     source.say("events", 0, node="plant_node", kind=Event.STARTED)
@@ -352,9 +350,7 @@ def test_the_end_is_that_of_a_source_not_of_anybody(ros: SingleThreadedExecutor,
 
 
 @pytest.mark.slow
-def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
-    ros: SingleThreadedExecutor, tmp_path: Path
-) -> None:
+def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(ros: TurnExecutor, tmp_path: Path) -> None:
     motor = LifecycleNode("motor_node")
     motor.declare_parameter("speed", 0.3)
     motor.declare_parameter("limits", [0.017, 1.0])
@@ -398,7 +394,7 @@ def kept_files(folder: Path) -> list[str]:
     return [record.name for record in records(find_parts(folder)[0], torn_ok=True) if isinstance(record, Attachment)]
 
 
-def test_a_trigger_among_real_publishers(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_trigger_among_real_publishers(ros: TurnExecutor, tmp_path: Path) -> None:
     overrides = {"trigger": "sensors/laser a", "trigger_level": 19.5, "trigger_pre": 0.1, "trigger_post": 0.2}
     recorder, source = make(ros, tmp_path / "run", lockstep=True, **overrides)
     spin_until(ros, source.ready)
@@ -414,9 +410,7 @@ def test_a_trigger_among_real_publishers(ros: SingleThreadedExecutor, tmp_path: 
     verify(tmp_path / "run")
 
 
-def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(
-    ros: SingleThreadedExecutor, tmp_path: Path
-) -> None:
+def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(ros: TurnExecutor, tmp_path: Path) -> None:
     _, source = make(ros, tmp_path / "run", trigger="sensors/laser b")
     spin_until(ros, source.ready)
     source.block(0)
@@ -429,7 +423,7 @@ def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(
     assert not (tmp_path / "x").exists()
 
 
-def test_a_bag_is_split_while_it_is_recorded(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+def test_a_bag_is_split_while_it_is_recorded(ros: TurnExecutor, tmp_path: Path) -> None:
     _, source = make(ros, tmp_path / "run", lockstep=True, max_bag_duration=0.5)
     spin_until(ros, source.ready)
     for number in range(30):

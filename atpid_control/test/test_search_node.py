@@ -17,10 +17,10 @@ from atpid_interfaces.msg import SampleBlock
 from numpy.typing import NDArray
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.search_run import SearchingController
@@ -51,7 +51,7 @@ class Stand:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.node = Node("selector_node", context=self.context)
         self.client = Node("client", context=self.context)
         self.controller = SearchingController(Inner(), (0.017, 1.0))

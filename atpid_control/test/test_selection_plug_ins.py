@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import rclpy
 from atpid_interfaces.srv import SelectHeight
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.selection import METHODS, Excitation, SelectionError, make_selector, methods
@@ -80,7 +80,7 @@ def test_the_node_selects_by_its_parameter(install: Install) -> None:
     install("plug_in_node", GOOD, "own = plug_in_node:Own")
     given = {"scene": str(ROOT / "scenes" / "thesis_4_3.yaml"), "method": "own", "lockstep": True}
     rclpy.init()
-    executor = SingleThreadedExecutor()
+    executor = TurnExecutor()
     nodes = (
         SelectorNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()]),
         Node("ask"),

@@ -13,12 +13,12 @@ from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, Excitatio
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_driver.nodes.excitation_node import ExcitationNode
 
 SIMULATED: dict[str, Any] = {
@@ -33,7 +33,7 @@ class Graph:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.operator = self.add(Node("operator", context=self.context))
         self.states: list[ExcitationState] = []
         self.events: list[Event] = []

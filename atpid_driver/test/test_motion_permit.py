@@ -8,11 +8,11 @@ import pytest
 from atpid_interfaces.msg import CeilingState, Event, SupervisorState
 from lifecycle_msgs.msg import Transition
 from motor_graph import Stand
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import STATES
+from atpid_common.nodes.turns import TurnExecutor
 from atpid_driver.nodes.authority import TOPIC, MotionPermit
 
 #: Of the supervisor; longer than this process is suspended on a busy machine [s].
@@ -83,7 +83,7 @@ def test_a_node_that_was_held_up_takes_the_newest_state_alone(stand: Stand) -> N
     supervisor = Supervisor(stand)
     received: list[SupervisorState] = []
     stand.peer.create_subscription(SupervisorState, TOPIC, received.append, STATES)
-    executor = SingleThreadedExecutor(context=stand.context)
+    executor = TurnExecutor(context=stand.context)
     executor.add_node(node)
     while not permit.granted:  # the two have found one another
         supervisor.publish()

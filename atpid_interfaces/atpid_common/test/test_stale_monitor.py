@@ -12,13 +12,13 @@ from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, time_of
 from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.nodes.turns import TurnExecutor
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +31,7 @@ class Stand:
     def __init__(self, *, enabled: bool = True) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = TurnExecutor(context=self.context)
         self.node, self.peer = (Node(name, context=self.context) for name in ("supervised", "peer"))
         self.silences = 0
         events = EventPublisher(self.node)

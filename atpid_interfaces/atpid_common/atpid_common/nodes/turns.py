@@ -53,6 +53,11 @@ class TurnExecutor(SingleThreadedExecutor):
         self._wait_set = None
         return bool(super().add_node(node))
 
+    def remove_node(self, node: Node) -> None:
+        """Remove a node."""
+        self._wait_set = None
+        super().remove_node(node)
+
     def wake(self) -> None:
         """End the wait: an entity has come or gone, or a coroutine can go on."""
         self._wait_set = None
