@@ -117,7 +117,7 @@ def tone_of(values: Array, rate: float) -> float:
     lines = np.abs(np.fft.rfft(part * np.hanning(len(part))))
     place = int(np.argmax(lines[1:])) + 1
     above = place + 1 < len(lines) and lines[place + 1] > lines[place - 1]
-    share = float(lines[place + (1 if above else -1)] / lines[place])  # of a tone between two lines of this window
+    share = min(1.0, float(lines[place + (1 if above else -1)] / lines[place]))  # a tone lies between two lines
     step, time = 2.0 * math.pi * rate / len(part), (np.arange(len(part)) - 0.5 * len(part)) / rate
     omega = (place + math.copysign(max(0.0, 2.0 * share - 1.0) / (share + 1.0), above - 0.5)) * step
     sine = cosine = 0.0
