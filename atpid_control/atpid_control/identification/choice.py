@@ -142,10 +142,8 @@ def foreign_residual(
         elif tone[1] * scale >= np.pi * HARMONICS_FROM:
             trial[0] = trial[col.CURVED] = False  # much like half a cycle of it
             for i in range(t.size):
-                columns[col.RECENT, i], columns[col.RECENT + 1, i] = (
-                    np.cos(0.5 * tone[1] * t[i]),
-                    np.sin(0.5 * tone[1] * t[i]),
-                )
+                half = 0.5 * tone[1] * t[i]
+                columns[col.RECENT, i], columns[col.RECENT + 1, i] = np.cos(half), np.sin(half)
         else:
             continue
         score, left = _described(columns, y, amplitude, trial)

@@ -85,14 +85,7 @@ def fit_sine(
 
 @compiled
 def _model(
-    every: Array,
-    signal: Array,
-    omega: float,
-    hum: float,
-    scale: float,
-    end: float,
-    threshold: float,
-    active: Flags,
+    every: Array, signal: Array, omega: float, hum: float, scale: float, end: float, threshold: float, active: Flags
 ) -> tuple[Array, Array, Array, Array, int, float]:
     """Return columns, instants `t` and signal `y` without spikes, tone, and which group changes it, by what likelihood.
 

@@ -7,7 +7,6 @@ is that of the earliest arrivals, since a message is late but never early. What 
 published leaves no trace.
 """
 
-import math
 import threading
 import time
 from collections import deque
@@ -91,7 +90,6 @@ class TopicAcquisition(Device):
             self._arrivals.clear()
             self._open = True
         seen: list[Arrival] = []
-        rate = math.nan
         for _ in range(_TIMES):
             began = time.monotonic()
             while len(seen) < _MEASURED or time.monotonic() < began + _MEASURED_S:
