@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SupervisorState
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, PlantTruth, SupervisorState
 from graph_runs import parameters, scene_file
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -26,10 +26,12 @@ class Watch(Node):
     def __init__(self) -> None:
         super().__init__("watch")
         self.supervisor: list[tuple[float, SupervisorState]] = []
+        self.asked: list[float] = []  # heights the selector has sent the ceiling to [m]
         self.ceiling: list[CeilingState] = []
         self.true: list[float] = []  # the plant's ceiling, at the end of each block [m]
         self.events: list[tuple[float, Event]] = []
         self.create_subscription(SupervisorState, "supervisor/state", self._keep(self.supervisor), STATES)
+        self.create_subscription(CeilingCommand, "ceiling/command", lambda sent: self.asked.append(sent.height), STATES)
         self.create_subscription(CeilingState, "ceiling/state", self.ceiling.append, STATES)
         self.create_subscription(PlantTruth, "plant/truth", self._on_truth, BLOCKS)
         self.create_subscription(Event, "events", self._keep(self.events), EVENTS_KEPT)
@@ -43,7 +45,7 @@ class Watch(Node):
 
     def clear(self) -> None:
         """Drop what was collected so far."""
-        for kept in (self.supervisor, self.ceiling, self.true, self.events):
+        for kept in (self.supervisor, self.asked, self.ceiling, self.true, self.events):
             kept.clear()
 
     @property

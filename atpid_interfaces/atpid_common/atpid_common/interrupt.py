@@ -33,6 +33,8 @@ class Interrupt:
     def __init__(self) -> None:
         # Whether a signal has come; not a threading.Event: a signal in the middle of its `set` would wait for itself.
         self.received = False
+        #: Whether one has raised KeyboardInterrupt, which Python or a library may have turned into another error.
+        self.raised = False
         self._deferred = False
         self._before: list[Any] = []
         self._hook_before = sys.unraisablehook
@@ -52,6 +54,7 @@ class Interrupt:
         if not self._deferred and not already:
             # what is torn while it is made, such as a compiler's object, may fail when it is deleted
             sys.unraisablehook = lambda _: None
+            self.raised = True
             raise KeyboardInterrupt
 
     def __enter__(self) -> Interrupt:

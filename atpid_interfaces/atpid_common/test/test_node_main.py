@@ -3,6 +3,7 @@
 """What every node that is a process of its own refuses at its start, in one line, and what may not change then."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -102,6 +103,42 @@ def test_a_mistyped_parameter_is_refused() -> None:
         "error: parameter hieght of own: the node has none of this name; did you mean height?"
     )
     assert len(done.stderr.splitlines()) == 1
+
+
+#: Is interrupted while it is made, by what turns KeyboardInterrupt into the error given as an expression; or by nothing.
+TORN = """
+import signal, sys
+from atpid_common.errors import InputError
+from atpid_common.nodes.node_main import run_node
+
+def make():
+    try:
+        signal.raise_signal(int(sys.argv[1]))
+    except KeyboardInterrupt:
+        pass
+    raise {error}
+
+sys.exit(run_node(make, []))
+"""
+ERRORS = ("TypeError('expected a message argument')", "ImportError('not loaded')", "InputError('needs a library')")
+
+
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_becomes_another_error_ends_quietly(number: int, error: str) -> None:
+    """As where Python formats an ImportError just then: `import ssl` of a server."""
+    command = [sys.executable, "-c", TORN.format(error=error), str(int(number))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(("error", "status"), [*zip(ERRORS, (1, 1, 2), strict=True)])
+def test_an_error_without_an_interrupt_is_reported(error: str, status: int) -> None:
+    command = [sys.executable, "-c", TORN.format(error=error), str(int(signal.SIGWINCH))]  # which does nothing
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert ("Traceback" in done.stderr) == (status == 1)
+    assert error.split("'")[1] in done.stderr
 
 
 def test_the_parameters_of_every_node_are_its_own() -> None:

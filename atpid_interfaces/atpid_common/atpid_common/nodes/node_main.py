@@ -80,16 +80,9 @@ def run_node(
                 for line in request(wanted["real_time_priority"], wanted["lock_memory"]):
                     node.get_logger().info(line)
                 status = _spin(node, interrupt, gather)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            status = DONE
-        except AtpidError as error:
-            status = _refuse(error, error.status)
-        except ParameterException as error:
-            status = _refuse(f"parameter: {error}", BAD_INPUT)
-        except RuntimeError as error:  # arguments rcl cannot use: such as a parameter file that does not exist
-            if node is not None or interrupt.received:
-                raise
-            status = _refuse(_in_words(error), BAD_INPUT)
+        except BaseException as error:
+            # a library that is being loaded may turn KeyboardInterrupt into an error of its own
+            status = DONE if interrupt.raised else _status_after(error, begun=node is not None or interrupt.received)
         finally:
             interrupt.defer()
             if node is not None:
@@ -141,8 +134,19 @@ def _rcl_silent() -> Iterator[None]:
         rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _refuse(error: object, status: int) -> int:
-    print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
+def _status_after(error: BaseException, begun: bool) -> int:
+    """Return the exit status after an error, printed in one line; raise what is a defect."""
+    if isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
+        return DONE
+    if isinstance(error, AtpidError):
+        text, status = str(error), error.status
+    elif isinstance(error, ParameterException):
+        text, status = f"parameter: {error}", BAD_INPUT
+    elif isinstance(error, RuntimeError) and not begun:  # arguments rcl cannot use: such as a missing parameter file
+        text, status = _in_words(error), BAD_INPUT
+    else:
+        raise error
+    print(f"error: {text.splitlines()[0]}", file=sys.stderr)
     return status
 
 
