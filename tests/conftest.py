@@ -5,9 +5,10 @@
 from pathlib import Path
 
 import pytest
+from compiled_once import pytest_configure
 from left_out import pytest_sessionfinish
 
-__all__ = ["pytest_sessionfinish"]  # a hook
+__all__ = ["pytest_configure", "pytest_sessionfinish"]  # hooks
 
 ROOT = Path(__file__).resolve().parent.parent
 
