@@ -122,7 +122,7 @@ def test_a_command_is_put_out_and_its_silence_ends_it(graph: Graph) -> None:
     graph.run(sine())
     assert (graph.state.amplitude, graph.state.frequency, graph.state.sequence) == (0.01, 5.0, 1)
     took = graph.until(lambda: graph.state.mode == ExcitationState.OFF)
-    assert 0.2 < took < 1.0
+    assert 0.2 < took < 2.0  # 0.3 s of silence and 0.2 s of decay; the rest for a machine with other work
     graph.until(lambda: graph.reported("no message on excitation/command"))
     assert graph.state.amplitude == 0.0
     graph.run(sine())  # and goes on with the next command

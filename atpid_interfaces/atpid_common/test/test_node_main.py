@@ -105,7 +105,7 @@ def test_a_mistyped_parameter_is_refused() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-#: Is interrupted while it is made, by what turns KeyboardInterrupt into the error given as an expression; or by nothing.
+#: Is interrupted while it is made, by what turns KeyboardInterrupt into another error; or by nothing.
 TORN = """
 import signal, sys
 from atpid_common.errors import InputError

@@ -82,7 +82,10 @@ def run_node(
                 status = _spin(node, interrupt, gather)
         except BaseException as error:
             # a library that is being loaded may turn KeyboardInterrupt into an error of its own
-            status = DONE if interrupt.raised else _status_after(error, begun=node is not None or interrupt.received)
+            found = DONE if interrupt.raised else _status_after(error, begun=node is not None or interrupt.received)
+            if found is None:
+                raise
+            status = found
         finally:
             interrupt.defer()
             if node is not None:
@@ -134,8 +137,8 @@ def _rcl_silent() -> Iterator[None]:
         rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _status_after(error: BaseException, begun: bool) -> int:
-    """Return the exit status after an error, printed in one line; raise what is a defect."""
+def _status_after(error: BaseException, begun: bool) -> int | None:
+    """Return the exit status after an error, which is printed in one line; None for a defect."""
     if isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
         return DONE
     if isinstance(error, AtpidError):
@@ -145,7 +148,7 @@ def _status_after(error: BaseException, begun: bool) -> int:
     elif isinstance(error, RuntimeError) and not begun:  # arguments rcl cannot use: such as a missing parameter file
         text, status = _in_words(error), BAD_INPUT
     else:
-        raise error
+        return None
     print(f"error: {text.splitlines()[0]}", file=sys.stderr)
     return status
 
