@@ -89,10 +89,12 @@ def guarded(command: Callable[[], int]) -> int:
     except OSError as error:
         # unbuffered, nothing is kept that would fail again; files of the commands have `output.writing`
         full = error.errno == errno.ENOSPC and error.filename is None
-        if not _discard_closed() and not full:
+        closed = _discard_closed()
+        if not closed and not full:
             raise
         if not isinstance(error, BrokenPipeError):
-            print(f"error: standard output cannot be written: {error.strerror}", file=sys.stderr)
+            what = "standard output" if closed else "standard output or the cache of compiled kernels"
+            print(f"error: {what} cannot be written: {error.strerror}", file=sys.stderr)
         return BROKEN_PIPE
     return status
 
