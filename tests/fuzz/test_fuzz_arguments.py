@@ -169,5 +169,5 @@ def test_standard_output_on_a_full_disk_is_one_line(unbuffered: str) -> None:
         command = [sys.executable, "-m", "studies", "thesis", "list"]
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     assert ended.returncode == 1
-    cache = " or the cache of compiled kernels" if unbuffered else ""  # then nothing is left of what could not be written
+    cache = " or the cache of compiled kernels" if unbuffered else ""  # which keeps nothing
     assert ended.stderr == f"error: standard output{cache} cannot be written: No space left on device\n"
