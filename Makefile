@@ -12,14 +12,23 @@ help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
 	@echo "A shell in which everything works:  . ros2_ws/activate"
 
-.PHONY: setup
-setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
+# $(call set_up,lock): set up what is missing, and install one more lock of ros2_ws/requirements where it is named.
+define set_up
 	@for python in $(PYTHON) python3 python3.12 python3.11 python3.13 python3.10; do \
 	    if $$python -c 'import sys; sys.exit(sys.version_info < (3, 8))' 2>/dev/null; then \
-	        exec $$python ros2_ws/bootstrap.py; \
+	        exec $$python ros2_ws/bootstrap.py $(1); \
 	    fi; \
 	done; \
 	echo "set-up needs Python 3.10 to 3.13 with venv: sudo apt install python3 python3-venv python3-dev" >&2; exit 2
+endef
+
+.PHONY: setup
+setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
+	$(call set_up)
+
+.PHONY: test-packages
+test-packages: ## the same, and what the tests need beside: type checker, second middleware, cluster, notebooks
+	$(call set_up,tests)
 
 .PHONY: bench
 bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report in out/bench
@@ -41,36 +50,36 @@ CHECKS = $(call stage,ruff check,ruff check .); \
 PYTEST = env OPENBLAS_NUM_THREADS=1 python -m pytest -q -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
 
 .PHONY: test
-test: setup ## format, types, import rules, then all tests; stops at the first that fails
+test: test-packages ## format, types, import rules, then all tests; stops at the first that fails
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST)
 
 .PHONY: test-fast
-test-fast: setup ## the same without the slow tests, while working
+test-fast: test-packages ## the same without the slow tests, while working
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
 
 .PHONY: fuzz
-fuzz: setup ## every test at full length: 10^4 hostile files to each parser, 10^5 messages to each node, all draws (hours)
+fuzz: test-packages ## every test at full length: 10^4 hostile files to each parser, 10^5 messages to each node, all draws (hours)
 	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load \
 	    $$(grep -rl --include='test_*.py' 'get_current_profile_name() == "long"' tests atpid_*)
 
 .PHONY: mutations
-mutations: setup ## make each listed change of the safety path in a copy and run the tests that must fail (ONLY=, JOBS=)
+mutations: test-packages ## make each listed change of the safety path in a copy and run the tests that must fail (ONLY=, JOBS=)
 	@$(IN_WORKSPACE) exec python tests/mutations/run.py --only "$(or $(ONLY),*)" --jobs $(or $(JOBS),2)
 
 .PHONY: fresh
-fresh: setup ## property tests with fresh examples for SECONDS (600); what fails is kept in tests/examples
+fresh: test-packages ## property tests with fresh examples for SECONDS (600); what fails is kept in tests/examples
 	@$(IN_WORKSPACE) exec python tests/fresh.py $(or $(SECONDS),600)
 
 .PHONY: benchmark
-benchmark: setup ## how fast the parts are that run with the stand
+benchmark: test-packages ## how fast the parts are that run with the stand
 	@$(IN_WORKSPACE) python tests/benchmark.py
 
 .PHONY: test-install
-test-install: setup ## build a clone as a ROS user does, remove it and run what was installed; all of colcon test
+test-install: test-packages ## build a clone as a ROS user does, remove it and run what was installed; all of colcon test
 	@$(IN_WORKSPACE) exec env ATPID_COLCON_TESTS=all python -m pytest -q tests/test_installation.py
 
 .PHONY: coverage
-coverage: setup ## run the tests with coverage.py: table on the screen, pages in out/coverage
+coverage: test-packages ## run the tests with coverage.py: table on the screen, pages in out/coverage
 # Left out: what runs an installed copy, and a process that may write no file, coverage.py's own included.
 	@$(IN_WORKSPACE) python -m coverage erase && \
 	{ $(patsubst python,python -m coverage run,$(PYTEST)) --ignore tests/test_installation.py \
@@ -104,10 +113,10 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
 .PHONY: audit
-audit: setup ## licences of what is installed, and known vulnerabilities of what is locked (asks PyPI)
+audit: test-packages ## licences of what is installed, and known vulnerabilities of what is locked (asks PyPI)
 	@$(IN_WORKSPACE) python ros2_ws/requirements/licences.py && python -m venv out/audit && \
 	out/audit/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/audit.txt && \
-	out/audit/bin/pip-audit --disable-pip --require-hashes -r ros2_ws/requirements/wheels.txt
+	out/audit/bin/pip-audit --disable-pip --require-hashes -r ros2_ws/requirements/wheels.txt -r ros2_ws/requirements/tests.txt
 
 .PHONY: policy
 policy: setup ## make the SROS 2 policy of the stand again, from its nodes (atpid_control/config/security/stand.policy.xml)
@@ -120,7 +129,7 @@ firmware: ## build the motor's firmware (needs the AVR tools)
 
 # The wheel has what needs neither ROS nor a command line: the interface is `import atpid_sim`.
 .PHONY: wheel
-wheel: setup ## build the physics as a wheel in out/wheel and try it in empty environments (PYTHONS="python3.10 python3.13")
+wheel: test-packages ## build the physics as a wheel in out/wheel and try it in empty environments (PYTHONS="python3.10 python3.13")
 	@$(IN_WORKSPACE) rm -rf out/wheel && mkdir -p out/wheel/source && \
 	cp -r ros2_ws/wheel/pyproject.toml LICENSE atpid_sim/atpid_sim atpid_interfaces/atpid_common/atpid_common out/wheel/source && \
 	python -m pip wheel -q --no-deps --no-build-isolation --wheel-dir out/wheel out/wheel/source && \
@@ -145,12 +154,12 @@ cpp: setup ## build the messages for C++ too, which `ros2 bag`, built beside the
 	    -DPython3_EXECUTABLE=$$VIRTUAL_ENV/bin/python -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release; }
 
 .PHONY: parquet
-parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
-	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/parquet.txt
+parquet: ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
+	$(call set_up,parquet)
 
 .PHONY: import
-import: setup ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/reading.md)
-	@.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/import.txt
+import: ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/reading.md)
+	$(call set_up,import)
 
 .PHONY: docs
 docs: docs-packages ## build the site of docs/ in out/docs/VERSION, the tag or `development`, beside those built before
@@ -165,10 +174,10 @@ docs-packages: setup ## install what `make docs` builds the site with, 95 MB, in
 	    --no-deps --require-hashes --target .venv/docs -r ros2_ws/requirements/docs.txt && cp ros2_ws/requirements/docs.txt .venv/docs; }
 
 .PHONY: browser
-browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
+browser: ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
 	apt-get update -q
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium
-	.venv/bin/python -m pip install -q --no-deps --require-hashes -r ros2_ws/requirements/browser.txt
+	$(call set_up,browser)
 
 .PHONY: clean
 clean: ## remove all that set-up and runs made

@@ -4,7 +4,7 @@
 """Set up what the project needs: `.venv`, ROS 2 Jazzy and the built workspace. What is finished is left alone.
 
 Where a Jazzy installation is sourced it is used as it is, elsewhere its wheels are installed. PYTHON names another
-interpreter. Standard library only.
+interpreter; arguments name locks in requirements/ that are installed beside: `bootstrap.py tests`. Standard library only.
 
 Exit status: 0 set up, 2 something is missing on this machine (one line says what to install), 1 a step failed.
 """
@@ -142,14 +142,29 @@ def make_environment(python: Interpreter, ros: Ros) -> None:
     with step("installing the locked packages (half a minute the first time)"):
         # the first is small, so a missing index is noticed soon
         run([*PIP, "ros2_ws/requirements/backend.txt", "--retries=1"], "pip", environment)
-        lock = f"ros2_ws/requirements/{ros.source}.txt"
-        try:
-            run([*UV, lock], "uv", environment | uv_settings(environment))
-        except SetupError:  # a mirror that only pip can use
-            print("uv could not install them, pip does ... ", end="", flush=True)
-            run([*PIP, lock, "--no-build-isolation"], "pip", environment)
+        install(ros.source, environment)
     if ros.source == "wheels":
         repair_wheels(VENV)
+
+
+def install(name: str, environment: dict[str, str]) -> None:
+    """Install what a lock lists."""
+    lock = f"ros2_ws/requirements/{name}.txt"
+    try:
+        run([*UV, lock], "uv", environment | uv_settings(environment))
+    except SetupError:  # a mirror that only pip can use
+        print("uv could not install them, pip does ... ", end="", flush=True)
+        run([*PIP, lock, "--no-build-isolation"], "pip", environment)
+
+
+def add(name: str) -> None:
+    """Install what a lock lists beside the others, unless it is there."""
+    stamp, lock = VENV / f"{name}.stamp", ROOT / "ros2_ws/requirements" / f"{name}.txt"
+    if read_stamp(stamp) == lock.read_text():
+        return
+    with step(f"installing the packages of requirements/{name}.txt"):
+        install(name, step_environment())
+    write_stamp(stamp, lock.read_text())
 
 
 def uv_settings(environment: dict[str, str]) -> dict[str, str]:
@@ -259,6 +274,8 @@ def main() -> int:
     try:
         with alone():
             set_up(os.environ.get("PYTHON") or None)
+            for name in sys.argv[1:]:
+                add(name)
     except SetupError as error:
         print(error, file=sys.stderr)
         return error.status

@@ -117,6 +117,25 @@ def test_where_uv_cannot_install_pip_does(steps: Steps, capsys: pytest.CaptureFi
     assert "uv could not install them, pip does" in capsys.readouterr().out
 
 
+def test_what_is_asked_for_beside_is_installed_once_for_each_environment(
+    steps: Steps, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock = project / "ros2_ws/requirements/tests.txt"
+    lock.write_text("tests==1\n")
+    monkeypatch.setattr(sys, "argv", ["bootstrap.py", "tests"])
+    for _ in range(2):
+        assert bootstrap.main() == 0
+        assert steps.done == [*FULL, "ros2_ws/requirements/tests.txt"]
+    lock.write_text("tests==2\n")
+    steps.done.clear()
+    assert bootstrap.main() == 0
+    assert steps.done == ["ros2_ws/requirements/tests.txt"]
+    (project / "ros2_ws/requirements/wheels.txt").write_text("wheels==2\n")
+    steps.done.clear()
+    assert bootstrap.main() == 0
+    assert steps.done == [*FULL, "ros2_ws/requirements/tests.txt"]
+
+
 def test_uv_gets_the_index_that_pip_has(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     listed = (
         "global.cert='/etc/own.crt'\nglobal.index-url='https://mirror/simple'\n:env:.extra-index-url='file:///disk'\n"
@@ -378,9 +397,9 @@ def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
     assert cmake.read_text() == '"/here/include;/here/numpy;/usr/include"'
 
 
-@pytest.mark.parametrize("lock", ["backend.txt", "docs.txt", "import.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
+@pytest.mark.parametrize("lock", ["backend", "browser", "docs", "import", "parquet", "tests", "wheels", "sourced"])
 def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -> None:
-    text = (root / "ros2_ws/requirements" / lock).read_text()
+    text = (root / "ros2_ws/requirements" / f"{lock}.txt").read_text()
     entries = [entry for entry in re.split(r"\n(?=\S)", text) if not entry.startswith("#")]
     assert entries
     for entry in entries:

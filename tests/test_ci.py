@@ -17,7 +17,7 @@ def test_ci_runs_the_tests_in_a_clean_environment(root: Path, tmp_path: Path) ->
     seen = dict(line.split("=", 1) for line in (tmp_path / "test.env").read_text().splitlines())
     assert seen.keys() - {"PWD", "OLDPWD", "SHLVL", "_"} == {"HOME", "PATH", "LANG", "CI"}
     assert (seen["CI"], seen["HOME"]) == ("true", os.environ["HOME"])
-    assert "PIP_INDEX_URL=file:///" in (tmp_path / "setup.env").read_text()
+    assert "PIP_INDEX_URL=file:///" in (tmp_path / "test-packages.env").read_text()
 
 
 def test_the_container_has_what_the_readme_names(root: Path) -> None:
