@@ -71,8 +71,8 @@ fresh: test-packages ## property tests with fresh examples for SECONDS (600); wh
 	@$(IN_WORKSPACE) exec python tests/fresh.py $(or $(SECONDS),600)
 
 .PHONY: benchmark
-benchmark: test-packages ## how fast the parts are that run with the stand
-	@$(IN_WORKSPACE) python tests/benchmark.py
+benchmark: test-packages ## how fast the parts are that run with the stand, in SECONDS (20) of its time
+	@$(IN_WORKSPACE) exec env PYTHONPATH=.:$$PYTHONPATH python tests/benchmark.py $(or $(SECONDS),20)
 
 .PHONY: test-install
 test-install: test-packages ## build a clone as a ROS user does, remove it and run what was installed; all of colcon test

@@ -4,7 +4,8 @@
 """Set up what the project needs: `.venv`, ROS 2 Jazzy and the built workspace. What is finished is left alone.
 
 Where a Jazzy installation is sourced it is used as it is, elsewhere its wheels are installed. PYTHON names another
-interpreter; arguments name locks in requirements/ that are installed beside: `bootstrap.py tests`. Standard library only.
+interpreter; arguments name locks in requirements/ that are installed beside: `bootstrap.py tests`.
+Standard library only.
 
 Exit status: 0 set up, 2 something is missing on this machine (one line says what to install), 1 a step failed.
 """

@@ -6,6 +6,7 @@
 the machine and on what else it does.
 """
 
+import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ def parts(folder: Path, seconds: float) -> list[Part]:
 def main() -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        measured = parts(Path(folder), 20.0)
+        measured = parts(Path(folder), float(sys.argv[1]))
     print(f"{'part':30}{'real time [s]':>15}{'processor [s]':>15}{'ratio':>9}")
     for part in measured:
         print(f"{part.name:30}{part.real:15.3f}{part.processor:15.5f}{part.ratio:9.1f}")

@@ -22,6 +22,7 @@ RUN = {
     "tests/test_bootstrap.py": {
         r"\. ros2_ws/activate$": "test_an_activated_shell_finds_what_a_fresh_one_does",
         r"make setup$": "test_a_second_run_does_nothing",
+        r"make test-packages$": "test_what_is_asked_for_beside_is_installed_once_for_each_environment",
     },
     "tests/test_docs.py": {r"atpid bag report ": "test_the_report_of_the_recorded_bag"},
     "atpid_control/test/test_traces.py": {
