@@ -14,14 +14,11 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 #: Files that are moved, and the folder whose first test they go before.
-MOVED = {
-    "test_batch.py": "atpid_driver", "test_basin.py": "atpid_driver", "test_installation.py": "atpid_control",
-    "test_modal_periodic.py": "tests",
-}  # fmt: skip
+MOVED = {"test_batch.py": "atpid_driver", "test_installation.py": "atpid_control"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put what takes longest beside other files, and apart what compiles the same kernels: at once each would do so."""
+    """Put what takes longest beside other files."""
     moved = {name: [item for item in items if item.path.name == name] for name in MOVED}
     items[:] = [item for item in items if item.path.name not in MOVED]
     for name, folder in MOVED.items():
