@@ -30,6 +30,7 @@ class Watch(Node):
         self.ceiling: list[CeilingState] = []
         self.true: list[float] = []  # the plant's ceiling, at the end of each block [m]
         self.events: list[tuple[float, Event]] = []
+        self.plant = False  # whether it has published where its ceiling stands
         self.create_subscription(SupervisorState, "supervisor/state", self._keep(self.supervisor), STATES)
         self.create_subscription(CeilingCommand, "ceiling/command", lambda sent: self.asked.append(sent.height), STATES)
         self.create_subscription(CeilingState, "ceiling/state", self.ceiling.append, STATES)
@@ -40,6 +41,7 @@ class Watch(Node):
         return lambda message: kept.append((time.monotonic(), message))
 
     def _on_truth(self, truth: PlantTruth) -> None:
+        self.plant = True
         if not truth.handshake:
             self.true.append(truth.ceiling[-1])
 

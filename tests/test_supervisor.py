@@ -37,6 +37,7 @@ def graph(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Su
         rclpy.init()
         made = Supervised(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("graph"), **STEADY)
         made.nodes.__enter__()
+        made.until(lambda: made.watch.plant)  # until then a motor that may move seeks its height, which is on-time
         yield made
         made.close()
         rclpy.try_shutdown()
