@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_common.vocabulary import RunState
@@ -18,13 +18,16 @@ from atpid_control.supervision.states import Supervision
 NODES = ("identifier_node", "selector_node", "motor_node")
 NEEDED = NODES[:2]
 TURN = 0.1
+#: Between two multiples of the turn, so that rounding decides nothing [s].
+ANSWER_TIME = 0.45
 
 
 def supervision() -> tuple[NodeLiveness, Supervision]:
-    answers = NodeLiveness(NODES, 0.4, TURN)
+    answers = NodeLiveness(NODES, ANSWER_TIME, TURN)
     return answers, Supervision(answers, NEEDED)
 
 
+@example([(0, False)] * 25 + [(0, True), (1, True)] + [(0, False)] * 3)
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans()), max_size=200))
 def test_motion_is_permitted_only_while_every_needed_node_has_answered_within_the_answer_time(
     turns: list[tuple[int, bool]],
@@ -38,8 +41,8 @@ def test_motion_is_permitted_only_while_every_needed_node_has_answered_within_th
             answers.answered(NODES[node], now)
             last[NODES[node]] = now
         answers.check(now)
-        fresh = all(now - last.get(name, -math.inf) <= 0.4 + 1e-9 for name in NEEDED)
-        late = any(now - last.get(name, -math.inf) > 0.4 + 1e-9 for name in NEEDED)
+        fresh = all(now - last.get(name, -math.inf) <= ANSWER_TIME for name in NEEDED)
+        late = any(now - last.get(name, -math.inf) > ANSWER_TIME for name in NEEDED)
         assert rules.situation().permit == fresh
         assert rules.situation().permit != late
 
