@@ -205,11 +205,12 @@ def _rearm(running: Running) -> None:
     if not running.lines or not running.lines[-1].startswith("waiting, without excitation"):
         return
     with command_node(partial(Node, "person"), *QUIET) as (node, executor):
-        client = node.create_client(Trigger, "supervisor_node/rearm")
-        if client.wait_for_service(5.0):
-            answer = client.call_async(Trigger.Request())
-            executor.spin_until_future_complete(answer, timeout_sec=12.0)
-            print(f"rearm: {answer.result()}", file=sys.stderr)
+        for drive in ("supervisor_node", "excitation_node"):
+            client = node.create_client(Trigger, f"{drive}/rearm")
+            if client.wait_for_service(5.0):
+                answer = client.call_async(Trigger.Request())
+                executor.spin_until_future_complete(answer, timeout_sec=12.0)
+                print(f"rearm: {answer.result()}", file=sys.stderr)
     if running.lines[-1].startswith("waiting"):
         running.lines.append("")
 

@@ -112,8 +112,11 @@ def test_only_the_selector_commands_and_an_operator_or_the_supervisor_for_him_ar
             "/supervisor/state": "supervisor_node"}  # fmt: skip
     for topic, node in sole.items():
         assert who(rights, "publish", topic) == {node}
-    for service in ("rearm", "change_state"):  # by the supervisor where an operator has asked it to
-        assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR, "supervisor_node"}
+    # by the supervisor where an operator has asked it to
+    assert who(rights, "request", "/motor_node/rearm") == {OPERATOR, "supervisor_node"}
+    assert who(rights, "request", "/excitation_node/rearm") == {OPERATOR, "live_node"}
+    for drive in ("motor_node", "excitation_node"):
+        assert who(rights, "request", f"/{drive}/change_state") == {OPERATOR}
     for service in ("set_parameters", "set_parameters_atomically"):
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
     assert who(rights, "request", "/motor_node/stop") == {OPERATOR, "live_node", "supervisor_node"}

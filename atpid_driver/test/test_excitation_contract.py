@@ -9,22 +9,29 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import NotReadyError
-from atpid_driver.excitation import ExcitationDrive, ExcitationSettings, drive_of
+from atpid_driver.acquisition.errors import StreamLostError, WrongDeviceError
+from atpid_driver.acquisition.labjack import load_ljm
+from atpid_driver.excitation import ExcitationDrive, ExcitationSettings, drive_of, guarded
 from atpid_driver.excitation.drive import Output, OutputLostError
 from atpid_driver.excitation.guarded import GuardedDrive
-from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError
+from atpid_driver.excitation.limits import OFF, Command, CommandRefusedError
+from atpid_driver.excitation.outlet_process import PERIOD
+from atpid_driver.excitation.outlets import OUTLETS, Outlet, T7Stream, calibration_of
+from atpid_driver.excitation.signals import Generator
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.build import environment
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.outputs import HEADER, RESTART, Outputs
 
-REAL = ("labjack_dac", "labjack_stream", "nidaqmx")
+T7 = ("labjack_dac", "labjack_stream")
+REAL = (*T7, "nidaqmx")
 SINE = Command(ExciterKind.SINE, 0.01, 5.4, sequence=7)
 CALIBRATION = """channel: {channel}
 sensor: emulated
@@ -35,8 +42,8 @@ unit: {unit}
 coefficients: {coefficients}
 limits_volts: [0.0, 5.0]
 """
-#: What a busy machine may add [s].
-BUSY = 0.3
+#: What a busy machine may add [s], and how long it may halt a process: the node's patience with it is a study's matter.
+BUSY, PATIENT = 0.3, 2.0
 
 
 class Rig:
@@ -51,7 +58,7 @@ class Rig:
         self.folder, self.rest = folder, 0.0 if level else 2.5
         self.settings = ExcitationSettings(
             backend=backend, highest_amplitude=0.01, lowest_frequency=1.0, highest_frequency=9.0, rise_time=0.3,
-            frequency_rate=10.0, calibration="output.yaml", watchdog=1,
+            frequency_rate=10.0, calibration="output.yaml", watchdog=3,
             library=str(build() / ("libnidaqmx.so" if backend == "nidaqmx" else "libLabJackM.so")),
             terminal="cDAQ1Mod1/ao0" if backend == "nidaqmx" else "DAC0",
         )  # fmt: skip
@@ -60,8 +67,20 @@ class Rig:
 
     @property
     def away(self) -> float:
-        """How far the voltage is from rest [V]."""
-        return abs(self.outputs.volts(0) - self.rest)
+        """How far the voltage is from rest [V]: of a T7's stream-out that between its outputs, as a shaker has it."""
+        streams = self.settings.backend == "labjack_stream"
+        return abs(self.outputs.between() if streams else self.outputs.volts(0) - self.rest)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether every output of the backend has its voltage of rest, and not only what moves the exciter."""
+        used = 2 if self.settings.backend == "labjack_stream" else 1
+        return all(self.outputs.volts(number) == self.rest for number in range(used))
+
+    @property
+    def flash_writes(self) -> int:
+        """How often something was written that outlives a reset of the device."""
+        return int(np.memmap(self.folder / "output", HEADER, "r", shape=(1,))["flash"][0])
 
     def turn_until(self, condition: Callable[[Output], object], limit: float = 20.0) -> float:
         """Take turns as the node does until something is true; return how long that took [s]."""
@@ -71,15 +90,33 @@ class Rig:
             time.sleep(0.02)
         return time.monotonic() - begin
 
-    def run(self) -> None:
+    def run(self, command: Command = SINE) -> None:
+        """Connect, and let it shake."""
         self.drive.connect()
+        self.shake(command)
+
+    def shake(self, command: Command = SINE) -> None:
+        """Arm it as a person does, and let it shake; again where this machine halted the test, which ends it."""
+        self.arm()
+        self.drive.follow(command)
+
+        def runs(output: Output) -> bool:
+            if output.ended:
+                self.arm()
+                self.drive.follow(command)
+            return output.mode is ExciterMode.RUNNING and output.sequence == command.sequence
+
+        self.turn_until(runs)
+
+    def arm(self) -> None:
+        """Switch it off and let commands switch it on again."""
+        self.drive.off()
         self.drive.enable()
-        self.drive.follow(SINE)
-        self.turn_until(lambda output: output.mode is ExciterMode.RUNNING)
 
 
 @pytest.fixture
 def libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(guarded, "_ANSWER", PATIENT)
     Control(tmp_path / "control").close()
     folder = build()
     files = {f"{name}_{what}": tmp_path / what for name in ("ljm", "daqmx") for what in ("control", "output")}
@@ -161,15 +198,16 @@ def test_the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off(
     largest = max(looks(real, 400))
     # 5.4 Hz at 2 Hz/V; 0.01 m at 0.02 m/V
     assert largest == pytest.approx(2.7 if real.rest == 0.0 else 0.5, rel=2e-3)
-    # the node hangs: it ramps down, and comes back by a command only
-    real.drive.follow(SINE)  # it was silent for longer than it may
-    real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and real.away > 0.1)
+    # the node hangs, as it did while this looked: it ramps down, and no command brings it back until it is armed
+    for again in (SINE, Command(ExciterKind.SINE, 0.01, 6.0, sequence=8)):
+        real.drive.follow(again)
+        real.turn_until(lambda output: "no sign of the node" in output.ended)
+        assert steady(real)
+    real.run()
     assert until(lambda: real.away < 1e-3 and steady(real)) < 0.5 + BUSY
-    real.turn_until(lambda output: output.mode is ExciterMode.OFF)
-    assert real.away < 1e-3
     noise_is_put_out_and_comes_back_by_a_command_after_silence(real)
-    real.drive.follow(SINE)
-    real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and real.away > 0.1)
+    real.shake()
+    real.turn_until(lambda _output: real.away > 0.1)
     # signals of a terminal do not end the output before its node
     assert isinstance(real.drive, GuardedDrive)
     process = real.drive._process
@@ -179,9 +217,9 @@ def test_the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off(
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(0.3)
     real.drive.off()
-    assert real.away == 0.0
+    assert real.at_rest
     real.drive.close()
-    assert real.away == 0.0
+    assert real.at_rest
 
 
 def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig) -> None:
@@ -192,7 +230,7 @@ def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig) -
         os.kill(real.drive._process.pid, how)
         with pytest.raises(OutputLostError, match="switched off"):
             real.turn_until(lambda _output: False)
-        assert real.away == 0.0
+        assert real.at_rest
     real.run()  # and may be connected again
 
 
@@ -215,11 +253,82 @@ def noise_is_put_out_and_comes_back_by_a_command_after_silence(real: Rig) -> Non
             real.drive.follow(noise)
         return
     for _ in range(2):
-        real.drive.follow(noise)
-        real.turn_until(lambda output: output.mode is ExciterMode.RUNNING and output.sequence == 3)
+        real.shake(noise)
         assert max(looks(real, 150)) > 0.05  # 0.1 V root mean square
         until(lambda: steady(real))
-        real.turn_until(lambda output: output.mode is ExciterMode.OFF)
+        real.turn_until(lambda output: output.mode is ExciterMode.OFF and output.ended)
+
+
+def test_a_correction_beyond_the_limits_is_not_put_out(rig: Rig) -> None:
+    """Whatever the factors are: the voltage, and the output that is stated."""
+    rig.run()
+    rig.drive.correct(3.0, 0.3 if rig.settings.backend == "labjack_dac" else 1.0, waits=False)
+    rig.turn_until(lambda output: output.limited)
+    slow = rig.settings.backend == "labjack_dac"
+    rig.turn_until(lambda output: not slow or output.frequency == pytest.approx(1.62))
+    for factor in (3.0, 30.0):
+        rig.drive.correct(factor, factor, waits=False)
+        output, begin = rig.drive.turn(time.monotonic_ns()), time.monotonic()
+        while time.monotonic() - begin < 0.5 or output.frequency < 9.0 * (1.0 - 1e-9):
+            output = rig.drive.turn(time.monotonic_ns())
+            assert output.amplitude <= 0.01 * (1.0 + 1e-9)
+            assert output.frequency <= 9.0 * (1.0 + 1e-9)
+            if rig.settings.backend != "simulated":
+                # 9 Hz at 2 Hz/V; 0.01 m at 0.02 m/V
+                assert rig.away <= (4.5 if slow else 0.5) + 1e-6
+            time.sleep(2e-3)
+        assert output.limited
+
+
+def test_a_disc_has_one_amplitude_which_nothing_corrects(tmp_path: Path, libraries: Path) -> None:
+    rig = Rig("labjack_dac", tmp_path)
+    rig.run()
+    with pytest.raises(CommandRefusedError, match="that of the disc"):
+        rig.drive.follow(Command(ExciterKind.SINE, 0.009, 5.4))
+    rig.drive.correct(0.5, 1.0, waits=False)
+    begin = time.monotonic()
+    while time.monotonic() - begin < 0.5:
+        assert rig.drive.turn(time.monotonic_ns()).amplitude == 0.01
+        time.sleep(0.02)
+    rig.drive.close()
+
+
+def test_a_process_that_hangs_while_it_is_sent_to_is_noticed(real: Rig) -> None:
+    if real.settings.backend == "labjack_dac":
+        return  # it takes no samples
+    real.run()
+    assert isinstance(real.drive, GuardedDrive)
+    assert real.drive._process is not None
+    os.kill(real.drive._process.pid, signal.SIGSTOP)
+    begin = time.monotonic()
+
+    def send() -> None:
+        for number in range(1000):  # a megabyte each
+            real.drive.follow(Command(ExciterKind.RANDOM, 0.001, 2.0, 8.0, seed=number))
+
+    with pytest.raises(OutputLostError, match="switched off"):
+        send()
+    assert time.monotonic() - begin < 0.5 + 10 * BUSY  # the signals take their time
+    assert real.at_rest
+
+
+def test_a_recorded_signal_is_put_out_as_it_was_received_and_no_file_is_opened(real: Rig) -> None:
+    if real.settings.backend == "labjack_dac":
+        return  # it takes no samples
+    real.drive.connect()
+    real.drive.enable()
+    with pytest.raises(CommandRefusedError, match="excitation/signal"):
+        real.drive.follow(Command(ExciterKind.RECORDED, 0.01, file="/dev/zero"))
+    times = np.arange(0.0, 2.0, 0.01)
+    real.drive.take("walk", 5.0 + 3.0 * np.sin(2.0 * np.pi * 2.5 * times), 100.0)
+    real.shake(Command(ExciterKind.RECORDED, 0.01, file="walk", sequence=4))
+    begin, largest = time.monotonic(), 0.0
+    while time.monotonic() - begin < 0.6:
+        real.drive.turn(time.monotonic_ns())
+        largest = max(largest, *looks(real, 10))
+    assert largest == pytest.approx(0.5, rel=0.01)
+    with pytest.raises(CommandRefusedError, match="excitation/signal"):
+        real.drive.follow(Command(ExciterKind.RECORDED, 0.01, file="another"))
 
 
 NODE = """
@@ -279,7 +388,8 @@ def test_it_is_off_within_half_a_second_of_a_kill(real: Rig) -> None:
 
 def test_where_all_processes_are_killed_the_devices_watchdog_acts(real: Rig) -> None:
     if real.settings.backend == "nidaqmx":
-        return  # it has none, which the page says
+        assert "no watchdog" in real.drive.connect()
+        return
     process, child = started(real)
     until(lambda: real.away > 0.1)
     for pid in (child, process.pid):
@@ -287,6 +397,73 @@ def test_where_all_processes_are_killed_the_devices_watchdog_acts(real: Rig) -> 
     for pid in (child, process.pid):
         os.kill(pid, signal.SIGKILL)
     process.communicate()
-    stuck = real.outputs.volts(0)
-    took = until(lambda: real.outputs.volts(0) in (0.0, real.rest) and real.outputs.volts(0) != stuck)
-    assert took < 1.0 + BUSY
+    assert until(lambda: real.away == 0.0) < real.settings.watchdog + BUSY
+    until(lambda: real.at_rest, RESTART + BUSY)
+    assert max(looks(real, 500)) == 0.0
+    assert real.at_rest
+
+
+def turned(outlet: Outlet, generator: Generator, seconds: float) -> None:
+    """Take turns as the process of the output does."""
+    end = time.monotonic() + seconds
+    while (now := time.monotonic()) < end:
+        outlet.put(generator, now)
+        time.sleep(PERIOD)
+
+
+def test_the_watchdog_is_fed_by_its_own_process_and_by_no_other_client(tmp_path: Path, libraries: Path) -> None:
+    rig = Rig("labjack_stream", tmp_path)
+    outlet = T7Stream(rig.settings, calibration_of(rig.settings, tmp_path))
+    generator = Generator(rig.settings)
+    outlet.open()
+    generator.follow(SINE)
+    turned(outlet, generator, rig.settings.watchdog + BUSY)
+    until(lambda: rig.away > 0.1)
+    other = load_ljm(rig.settings.library)
+    handle, begin = other.openS("T7", "ANY", "ANY"), time.monotonic()
+    while not rig.at_rest:
+        assert time.monotonic() - begin < rig.settings.watchdog + BUSY
+        for name in ("DAC0", "WATCHDOG_ENABLE_DEFAULT"):
+            other.eReadName(handle, name)
+        other.eWriteName(handle, "WATCHDOG_STRICT_CLEAR", 1.0)  # another key than ours
+        time.sleep(PERIOD)
+    assert time.monotonic() - begin > rig.settings.watchdog - BUSY
+    with pytest.raises(StreamLostError, match="the T7's watchdog has acted"):  # it does not run on by itself
+        outlet.put(generator, time.monotonic())
+    assert rig.at_rest
+    outlet.close()
+
+
+@pytest.mark.parametrize("backend", T7)
+def test_another_t7_than_the_one_asked_for_is_left_as_it_is(backend: str, tmp_path: Path, libraries: Path) -> None:
+    rig = Rig(backend, tmp_path)
+    other = load_ljm(rig.settings.library)
+    handle = other.openS("T7", "ANY", "ANY")
+    other.eWriteName(handle, "DAC0", 1.0)
+    outlet = OUTLETS[backend](replace(rig.settings, serial=7), calibration_of(rig.settings, tmp_path))
+    with pytest.raises(WrongDeviceError):
+        outlet.open()
+    outlet.close()
+    assert (rig.outputs.volts(0), rig.flash_writes) == (1.0, 0)
+
+
+@pytest.mark.parametrize("backend", T7)
+def test_flash_is_written_only_where_it_differs_and_follows_the_rest(
+    backend: str, tmp_path: Path, libraries: Path
+) -> None:
+    rig = Rig(backend, tmp_path)
+    file = tmp_path / "output.yaml"
+    for rest in (rig.rest, 0.0 if backend == "labjack_dac" else 2.437):
+        file.write_text(file.read_text().replace("[-0.05, 0.02]", f"[{-0.02 * rest}, 0.02]"))
+        outlet = OUTLETS[backend](rig.settings, calibration_of(rig.settings, tmp_path))
+        outlet.open()
+        outlet.close()
+        before = rig.flash_writes
+        outlet.open()
+        assert rig.flash_writes == before + 1, "the watchdog is armed, as it was"
+        outlet.open()
+        assert rig.flash_writes == before + 1, "another process takes over"
+        outlet.close()
+        assert rig.flash_writes == before + 2, "the watchdog is disarmed"
+    power_up = np.memmap(rig.folder / "output", HEADER, "r", shape=(1,))["power_up"][0]
+    assert power_up.tolist() == pytest.approx([0.0, 0.0] if backend == "labjack_dac" else [2.437, 2.437])

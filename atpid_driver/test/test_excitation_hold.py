@@ -10,8 +10,9 @@ import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.hold import Hold
+from atpid_driver.excitation.limits import Command
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Command, Generator
+from atpid_driver.excitation.signals import Generator
 
 STEP = 0.05  # of the loop: one estimate a block [s]
 SETTINGS = ExcitationSettings(
@@ -107,3 +108,44 @@ def test_an_estimate_that_is_none_changes_nothing(measured: tuple[float, float])
         hold.turn((0.3, 5.0), measured, STEP, 0.5)
     assert hold.factors == (1.0, 1.0)
     assert not hold.held
+
+
+def settled(hold: Hold, measured: tuple[float, float] = (0.3, 5.0), **more: bool) -> Hold:
+    for _ in range(200):
+        hold.turn((0.3, 5.0), measured, STEP, 0.5, **more)
+    return hold
+
+
+def test_an_estimate_that_is_none_ends_what_was_held() -> None:
+    hold = settled(Hold(0.01, 3.0))
+    assert hold.held
+    hold.turn((0.3, 5.0), (np.nan, np.nan), STEP, 0.5)
+    assert not hold.held
+    hold.turn((0.3, 5.0), (0.3, 5.0), STEP, 0.5)
+    assert not hold.held  # it has to settle again
+    assert settled(hold).held
+
+
+def test_the_last_estimate_has_to_be_within_the_tolerance_too() -> None:
+    hold = settled(Hold(0.01, 3.0))
+    hold.turn((0.3, 5.0), (0.3 * 1.02, 5.0), STEP, 0.5)
+    assert hold.error < 0.01
+    assert not hold.held
+    hold.turn((0.3, 5.0), (0.3, 5.0), STEP, 0.5)
+    assert hold.held
+
+
+def test_the_amplitude_of_a_disc_is_not_corrected() -> None:
+    hold = settled(Hold(0.01, 3.0, fixed_amplitude=True), (0.2, 4.8))
+    assert hold.factors[0] == 1.0
+    assert hold.factors[1] > 1.01
+    assert not hold.at_limit
+    assert not hold.held
+
+
+def test_at_the_limits_nothing_is_summed_up() -> None:
+    hold = settled(Hold(0.01, 3.0), (0.28, 5.0))
+    before = hold.factors
+    assert settled(hold, (0.28, 5.0), limited=True).factors == before
+    assert hold.misses
+    assert settled(hold, (0.32, 5.0), limited=True).factors[0] < before[0]  # the way back is free

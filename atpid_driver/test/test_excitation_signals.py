@@ -3,15 +3,20 @@
 """What an exciter puts out: ramps, phase, spectra, limits. Judged by scipy, and by quadrature of the frequency."""
 
 import math
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import signal
 
+from atpid_common.files import FileError
 from atpid_common.vocabulary import ExciterKind, ExciterMode
+from atpid_driver.excitation.limits import OFF, Clamp, Command, CommandRefusedError, SignalError, check_unit
+from atpid_driver.excitation.recorded import MOST_SAMPLES, read_recorded, resampled, scaled
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError, Generator
+from atpid_driver.excitation.signals import Generator
 
 RATE = 1000.0
 SETTINGS = ExcitationSettings(
@@ -105,18 +110,18 @@ def test_a_sweep_goes_from_end_to_end_in_its_time_and_waits_where_told() -> None
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_has_its_own_spectrum_size_and_seed(seed: int) -> None:
     generator = Generator(SETTINGS)
-    command = Command(ExciterKind.RANDOM, 0.005, 10.0, 40.0, seed=seed)
+    command = Command(ExciterKind.RANDOM, 0.004, 10.0, 40.0, seed=seed)
     generator.follow(command)
     for _ in range(100):
         generator.samples(10)
     u = np.concatenate([generator.samples(500) for _ in range(120)])  # one period of it
-    assert np.sqrt(np.mean(u**2)) == pytest.approx(0.005, rel=1e-9)
+    assert np.sqrt(np.mean(u**2)) == pytest.approx(0.004, rel=1e-9)
     lines, density = signal.welch(u, RATE, nperseg=2000, detrend=False)
     inside, outside = (lines > 12) & (lines < 38), (lines < 8) | (lines > 42)
-    assert np.mean(density[inside]) == pytest.approx(0.005**2 / 30.0, rel=0.1)
+    assert np.mean(density[inside]) == pytest.approx(0.004**2 / 30.0, rel=0.1)
     assert density[outside].max() < 1e-4 * density[inside].mean()
     other = Generator(SETTINGS)
-    other.follow(Command(ExciterKind.RANDOM, 0.005, 10.0, 40.0, seed=seed))
+    other.follow(Command(ExciterKind.RANDOM, 0.004, 10.0, 40.0, seed=seed))
     third = Generator(SETTINGS)
     third.follow(command)
     assert (other.samples(100) == third.samples(100)).all()
@@ -128,7 +133,8 @@ def test_a_recorded_signal_is_put_out_at_its_own_times_scaled_to_the_peak(tmp_pa
     path = tmp_path / "record.csv"
     path.write_text("time,value\n" + "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(t, values, strict=True)))
     generator = Generator(SETTINGS)
-    generator.follow(Command(ExciterKind.RECORDED, 0.01, file=str(path)))
+    rate, recording = read_recorded(path)
+    generator.follow(Command(ExciterKind.RECORDED, 0.01, file=path.name), resampled(recording, rate, RATE))
     generator.samples(1000)
     u = generator.samples(2000)
     assert np.abs(u).max() == pytest.approx(0.01, rel=2e-3)
@@ -160,6 +166,11 @@ def test_another_form_of_signal_begins_from_nothing() -> None:
         (Command(ExciterKind.SWEEP, 0.01, 4.0, math.nan, 5.0), "end_frequency: given nan"),
         (Command(ExciterKind.RANDOM, 0.01, 40.0, 10.0), "end_frequency: given 10"),
         (Command(ExciterKind.RECORDED, 0.01, file="/nowhere/x.csv"), "file: given '/nowhere/x.csv'"),
+        (Command(ExciterKind.RANDOM, 0.02, 10.0, 40.0), "amplitude: given 0.02; allowed: at most 0.00528"),
+        (
+            Command(ExciterKind.RANDOM, 0.001, 10.0, 40.0, hold=True),
+            "hold: given with RANDOM; allowed: with SINE and SWEEP",
+        ),
     ],
 )
 def test_what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing(command: Command, word: str) -> None:
@@ -170,3 +181,113 @@ def test_what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing(comm
     assert word in str(error.value)
     assert "\n" not in str(error.value)
     assert generator.command == sine()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_correction_takes_the_output_beyond_its_limits(seed: int) -> None:
+    """Neither amplitude nor frequency; a tone's samples are judged by their own size and rate of change."""
+    random, generator = np.random.default_rng(seed), Generator(SETTINGS)
+    factors = np.exp(random.uniform(-2.0, 2.0, (20, 2)))
+    kind = random.choice(["sine", "noise"])
+    command = sine(0.02, 150.0) if kind == "sine" else Command(ExciterKind.RANDOM, 0.004, 10.0, 150.0, seed=seed)
+    generator.follow(command)
+    for factor in factors:
+        generator.correct(factor[0], factor[1], waits=False)
+        u = piecewise(generator, random, 500)
+        assert np.abs(u).max() <= 0.02
+        assert generator.frequency <= 200.0
+        assert generator.amplitude * (1.0 if kind == "sine" else np.abs(generator._unit).max()) <= 0.02 * (1 + 1e-12)
+        wanted = factor[0] * command.amplitude * (1.0 if kind == "sine" else np.abs(generator._unit).max())
+        beyond = wanted > 0.02 * (1 + 1e-9) or (kind == "sine" and not 0.5 <= 150.0 * factor[1] <= 200.0)
+        assert generator.clamp.limited == beyond
+    generator.stop()
+    assert not generator.clamp.limited
+
+
+def test_the_clamp_limits_peak_and_rate_of_change_of_any_samples_and_refuses_what_is_none() -> None:
+    clamp = Clamp(SETTINGS)
+    step = 0.02 * (2 * math.pi * 200.0 + 1.0 / 0.1) / RATE  # at the largest amplitude and frequency, while it stops
+    assert clamp.samples(np.array([0.001, -0.001])) == pytest.approx([0.001, -0.001])
+    assert not clamp.limited
+    assert clamp.samples(np.full(3, 1.0)) == pytest.approx([min(0.02, -0.001 + step), 0.02, 0.02])
+    assert clamp.limited
+    fast = Clamp(replace(SETTINGS, highest_frequency=1.0))
+    out = fast.samples(np.array([1.0, -1.0, 1.0, 1.0]))
+    assert np.abs(np.diff(out, prepend=0.0)).max() == pytest.approx(0.02 * (2 * math.pi + 10.0) / RATE)
+    for value in (math.nan, math.inf, -math.inf):
+        with pytest.raises(SignalError):
+            clamp.samples(np.array([0.0, value]))
+
+
+def test_a_signal_whose_peak_or_rate_of_change_is_beyond_the_limits_is_refused() -> None:
+    check_unit(SETTINGS, sine(0.02), np.sin(2 * np.pi * 200.0 * np.arange(1000) / RATE))
+    with pytest.raises(CommandRefusedError, match=r"allowed: at most 0\.01,"):
+        check_unit(SETTINGS, sine(0.02), np.array([0.0, 0.1, 2.0, 0.1]))
+    slow = replace(SETTINGS, highest_frequency=10.0)
+    with pytest.raises(CommandRefusedError, match="changes so fast"):
+        check_unit(slow, sine(0.02), np.sin(2 * np.pi * 11.0 * np.arange(1000) / RATE))
+
+
+def test_one_that_has_ended_by_itself_follows_nothing_until_it_was_switched_off() -> None:
+    generator = Generator(SETTINGS)
+    generator.end("nothing runs")
+    assert not generator.ended
+    generator.follow(sine())
+    generator.advance(2.0)
+    generator.end("no sign of the node")
+    for number in range(3):
+        generator.follow(sine(sequence=number))
+        generator.advance(0.1)
+    assert (generator.amplitude, mode_of(generator), generator.ended) == (0.0, ExciterMode.OFF, "no sign of the node")
+    generator.cut()
+    generator.follow(sine())
+    assert generator.advance(1.0).amplitude == 0.01
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 0\n1 1\n1e12 0", "0 0\n1 1\n2e5 0", "0 0\n0 1\n1 0", "0 0\n1 nan\n2 0", "0 0\n1e-9 1\n2 0", "1 2 3\n2 3 4",
+        "0 1\n1 1\n2 1", "", "words", "0 0\n-1 1", "0 0",
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_bounded_signal_is_refused_in_one_line_by_who_reads_it(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "signal.txt"
+    path.write_text(text)
+    with pytest.raises(FileError) as error:
+        read_recorded(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_no_file_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
+        with pytest.raises(FileError):
+            read_recorded(path)
+
+
+@pytest.mark.parametrize(
+    ("values", "rate"),
+    [
+        ([0.0, math.nan], 1.0), ([0.0, math.inf], 1.0), ([], 1.0), ([1.0, 1.0], 1.0), ([0.0, 1.0], 1e-3),
+        (np.zeros(MOST_SAMPLES + 1), 1e6),
+    ],
+)  # fmt: skip
+def test_samples_that_are_no_signal_are_refused_by_the_node_too(values: list[float], rate: float) -> None:
+    with pytest.raises(CommandRefusedError):
+        resampled(np.array(values), rate, RATE)
+
+
+def test_the_largest_numbers_have_a_mean_and_a_peak() -> None:
+    assert scaled(np.array([0.0, 1e308, -1e308])) == pytest.approx([0.0, 1.0, -1.0])
+
+
+def test_a_stop_that_is_repeated_takes_no_longer() -> None:
+    generator = Generator(SETTINGS)
+    generator.follow(sine())
+    generator.advance(1.0)
+    for _ in range(10):
+        generator.stop()
+        generator.advance(0.011)
+    assert mode_of(generator) is ExciterMode.OFF

@@ -136,3 +136,13 @@ def test_a_stop_switches_the_motor_off_until_it_is_activated_again(stand: Stand)
     stand.states.clear()
     stand.until(lambda: len(stand.states) > 50, supervisor.command)
     assert {state.mode for state in stand.states} == {CeilingState.DISARMED}
+
+
+def test_homing_ends_where_the_permission_is_withdrawn(stand: Stand) -> None:
+    supervisor = Supervisor(stand)
+    stand.motor(initial_height=float("nan"), supervised=True, supervision_timeout=PATIENT)
+    stand.until(lambda: mode(stand) == CeilingState.HOMING, supervisor.publish)
+    supervisor.state = SupervisorState(state=SupervisorState.FAULT, permit=False, reason="no answer of recorder_node")
+    stand.until(lambda: mode(stand) == CeilingState.DISARMED, supervisor.publish)
+    stand.until(lambda: texts(stand, Event.STOPPED))
+    assert texts(stand, Event.STOPPED) == ["motor switched off: no answer of recorder_node"]

@@ -262,10 +262,17 @@ def test_a_command_of_another_quality_of_service_is_an_event(stand: Stand) -> No
     assert "ceiling/command: a publisher has another reliability" in stand.events[-1].text
 
 
-def test_rearm_needs_an_active_node(stand: Stand) -> None:
+def test_rearm_arms_it_from_any_lifecycle_state_but_the_last(stand: Stand) -> None:
     stand.motor(autostart=False)
+    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
+    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING)
+    assert stand.call(Trigger, "motor_node/stop", Trigger.Request()).success
+    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.DISARMED)
+    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
+    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING)
+    assert stand.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
-    assert (answer.success, answer.message) == (False, "the motor node is unconfigured: configure and activate it")
+    assert (answer.success, "start it again" in answer.message) == (False, True)
 
 
 @pytest.mark.slow

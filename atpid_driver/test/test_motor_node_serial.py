@@ -143,7 +143,7 @@ def test_a_stop_is_answered_with_the_boards_own_state(stand: Stand, tmp_path: Pa
         stand.until(lambda: emulator.state().motor != 0, lambda: stand.command(0.1, 1.0, 5))
         answer = stand.call(Trigger, "motor_node/stop", Trigger.Request())
         assert emulator.state().motor == 0
-        assert (answer.success, answer.message) == (True, "motor off; activating the node arms it again")
+        assert (answer.success, answer.message) == (True, "motor off; motor_node/rearm arms it again")
         emulator.pace(0)
         answer = stand.call(Trigger, "motor_node/stop", Trigger.Request())
         assert not answer.success

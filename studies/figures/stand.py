@@ -1,21 +1,20 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Drawings of docs/stand.md, container and wiring, and the amplitudes a stand reaches.
+"""Drawings of docs/stand.md, container, wiring and emergency stop, and the amplitudes a stand reaches.
 
 python -m studies figures stand --out docs/figures
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from atpid_common import output
-from atpid_common.output import writing
 from atpid_control.analysis.modes.cantilever import Cantilever, modes_of
-from atpid_sim.figure_style import LIGHT, style
+from atpid_sim.figure_style import LIGHT
 from atpid_sim.scene import standard_bench
+from studies.figures import emergency_stop
+from studies.figures.stand_parts import Block, Wire, block, drawing, legend, wire
 
 #: Grain of the drawing: a steel ball, 9 % of the thesis's beam [m], [kg/m^3]; PLA [kg/m^3].
 GRAIN, STEEL, PLA = 0.020, 7850.0, 1240.0
@@ -106,25 +105,11 @@ def grain_mass() -> float:
 def draw(folder: Path) -> list[Path]:
     """Draw the pictures into `folder`; return their paths."""
     output.folder(folder)
-    return [_container(folder / "stand_container.svg"), _wiring(folder / "stand_wiring.svg")]
-
-
-@contextmanager
-def _drawing(path: Path, width: float, height: float) -> Iterator[Any]:
-    """Yield axes in millimetres or blocks; at the end the picture is written, the same bytes each time."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    with matplotlib.rc_context(style(LIGHT) | {"svg.hashsalt": path.stem, "font.size": 9.0}):
-        figure, ax = pyplot.subplots(figsize=(width, height), layout="constrained")
-        ax.set_axis_off()
-        ax.set_aspect("equal")
-        yield ax
-        with writing(path):
-            figure.savefig(path, metadata={"Date": None, "Creator": None})
-    pyplot.close(figure)
+    return [
+        emergency_stop.draw(folder / "emergency_stop.svg"),
+        _container(folder / "stand_container.svg"),
+        _wiring(folder / "stand_wiring.svg"),
+    ]
 
 
 def _container(path: Path) -> Path:
@@ -135,7 +120,7 @@ def _container(path: Path) -> Path:
     wall, floor, piston, cap, grain = (1e3 * one for one in (WALL, FLOOR, PISTON, CAP, GRAIN))
     height, top = 90.0, 1e3 * (HIGHEST + 2.0 * LINING + PISTON)  # where the ceiling is drawn, and the tube's upper end
 
-    with _drawing(path, 7.6, 10.2) as ax:
+    with drawing(path, 7.6, 10.2) as ax:
 
         def box(x: float, y: float, w: float, h: float, **look: Any) -> None:
             usual: dict[str, Any] = {"ec": LIGHT.ink, "lw": 0.8, "fc": LIGHT.soft}
@@ -196,8 +181,8 @@ def _container(path: Path) -> Path:
     return path
 
 
-#: Blocks of the wiring: place of the lower left corner, size, title, terminals by side.
-_BLOCKS: dict[str, tuple[float, float, float, float, str]] = {
+#: Of the wiring.
+_BLOCKS: dict[str, Block] = {
     "supply": (-0.6, 10.2, 3.2, 1.2, "24 V supply\nof the lasers"),
     "laser1": (-0.6, 8.2, 3.2, 1.2, "laser at the support\n4–20 mA"),
     "laser2": (-0.6, 6.2, 3.2, 1.2, "laser at the tip\n4–20 mA"),
@@ -207,15 +192,14 @@ _BLOCKS: dict[str, tuple[float, float, float, float, str]] = {
     "pc": (12.6, 6.2, 2.4, 3.4, "PC"),
     "mega": (6.4, -1.0, 2.6, 4.0, "Arduino\nMega 2560"),
     "pot": (-0.6, 2.2, 3.2, 1.2, "potentiometer\n10 kΩ"),
-    "switches": (-0.6, -1.0, 3.2, 1.6, "limit switches,\nemergency stop\n(normally closed)"),
+    "switches": (-0.6, -1.0, 3.2, 1.6, "limit switches,\nsafety relay\n(closed to run)"),
     "driver": (12.6, 0.6, 2.4, 2.4, "motor driver"),
     "motor": (17.4, 1.2, 2.2, 1.2, "motor of\nthe ceiling"),
     "motor_supply": (12.2, -4.0, 3.2, 1.2, "motor supply,\nconstant current"),
-    "exciter": (17.4, 8.4, 2.2, 1.2, "inverter of\nthe exciter"),
+    "exciter": (17.4, 8.4, 2.2, 1.2, "inverter or\namplifier"),
 }
-#: Wires: points from block to block, what it is, a colour of the palette, and where the text stands.
 _SIGNAL, _POWER, _USB = "own", "accent", "given_text"
-_WIRES: tuple[tuple[tuple[tuple[float, float], ...], str, str, tuple[float, float]], ...] = (
+_WIRES: tuple[Wire, ...] = (
     (((1.3, 10.2), (1.3, 9.4)), "24 V, 0 V, to both", _POWER, (1.5, 9.78)),
     (((2.6, 8.8), (6.4, 8.8)), "AIN0, 250 Ω to GND", _SIGNAL, (2.8, 9.0)),
     (((2.6, 6.8), (6.4, 6.8)), "AIN1, 250 Ω to GND", _SIGNAL, (2.8, 7.0)),
@@ -228,28 +212,20 @@ _WIRES: tuple[tuple[tuple[tuple[float, float], ...], str, str, tuple[float, floa
     (((2.6, -0.2), (6.4, -0.2)), "D24 lower, D25 upper,\nD26 stop; to GND", _SIGNAL, (2.8, 0.0)),
     (((9.0, 1.8), (12.6, 1.8)), "D22 enable, 10 kΩ to GND\nD23 direction, GND", _SIGNAL, (9.1, 1.95)),
     (((15.0, 1.8), (17.4, 1.8)), "motor leads", _POWER, (15.2, 2.0)),
-    (((13.8, -2.8), (13.8, 0.6)), "fuse, emergency stop,\nend switches behind the limits", _POWER, (14.0, -1.6)),
-    (((7.7, 9.6), (7.7, 10.8), (16.6, 10.8), (16.6, 9.0), (17.4, 9.0)), "DAC0, amplified to 0–10 V: only where the PC "
-     "sets the speed", _SIGNAL, (7.9, 10.95)),
-    (((18.5, 9.6), (18.5, 10.6)), "mains,\nown stop", _POWER, (18.7, 9.9)),
+    (((13.8, -2.8), (13.8, 0.6)), "safety relay, fuse,\nend switches behind the limits", _POWER, (14.0, -1.6)),
+    (((7.7, 9.6), (7.7, 10.8), (16.6, 10.8), (16.6, 9.0), (17.4, 9.0)), "DAC0, amplified to 0–10 V, or DAC0 and DAC1 "
+     "to an amplifier: only where the PC commands it", _SIGNAL, (7.9, 10.95)),
+    (((18.5, 9.6), (18.5, 10.6)), "mains,\nsafety relay", _POWER, (18.7, 9.9)),
 )  # fmt: skip
 
 
 def _wiring(path: Path) -> Path:
     """Draw the wiring as blocks and wires: signals blue, power orange, USB grey."""
-    from matplotlib.patches import FancyBboxPatch
-
-    with _drawing(path, 11.5, 8.6) as ax:
-        for points, text, colour, (x, y) in _WIRES:
-            ax.plot(*zip(*points, strict=True), color=getattr(LIGHT, colour), lw=1.4, zorder=1)
-            ax.text(x, y, text, fontsize=8.0, va="bottom", zorder=3)
-        for x, y, width, height, text in _BLOCKS.values():
-            shape = FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0,rounding_size=0.12",
-                                   fc=LIGHT.window, ec=LIGHT.ink, lw=0.9, zorder=2)  # fmt: skip
-            ax.add_patch(shape)
-            ax.text(x + 0.5 * width, y + 0.5 * height, text, ha="center", va="center", weight="bold", zorder=3)
-        ax.text(0.0, -3.6, "signals", color=LIGHT.own, weight="bold")
-        ax.text(2.0, -3.6, "power", color=LIGHT.accent, weight="bold")
-        ax.text(3.7, -3.6, "USB", color=LIGHT.given_text, weight="bold")
+    with drawing(path, 11.5, 8.6) as ax:
+        for each in _WIRES:
+            wire(ax, *each)
+        for one in _BLOCKS.values():
+            block(ax, *one)
+        legend(ax, -3.6, (0.0, "signals", _SIGNAL), (2.0, "power", _POWER), (3.7, "USB", _USB))
         ax.set(xlim=(-0.8, 20.6), ylim=(-4.4, 11.8))
     return path

@@ -208,14 +208,6 @@ MUTATIONS = (
         UNARMED,
     ),
     _in(
-        "armed again without permission",
-        NODES + "motor_node.py",
-        "            self._check_permitted()\n            self._arm()",
-        "            self._arm()",
-        "it is armed although a node that it needs hangs",
-        WITHDRAWN,
-    ),
-    _in(
         "heights without permission",
         NODES + "supervised_node.py",
         'raise NotReadyError(f"{what} not taken up: {self._permit.reason}")',
@@ -242,8 +234,8 @@ MUTATIONS = (
     _in(
         "an unconfirmed stop is answered as done",
         NODES + "supervised_node.py",
-        "response.success, response.message = False, str(error)\n        else:\n            again",
-        "response.success, response.message = True, str(error)\n        else:\n            again",
+        "response.success, response.message = False, str(error)\n        else:\n            first",
+        "response.success, response.message = True, str(error)\n        else:\n            first",
         "the operator is answered that a motor is off that is on",
         TEST + "test_motor_node_serial.py::test_a_stop_is_answered_with_the_boards_own_state",
     ),

@@ -44,6 +44,8 @@ _START, _RECORD, _SILENCE = 240.0, 30.0, 10.0
 _BEHIND = 1.5
 #: Between two looks at what has come [s].
 _LOOK = 0.02
+#: Between two tries to arm an emulated stand [s].
+_ARM_AGAIN = 2.0
 #: Until the excitation has ramped down at the end [s].
 _RAMP_DOWN = 10.0
 #: What is off, and stays so until a person arms it.
@@ -163,16 +165,21 @@ class GraphStand(Stand):
         return NodeProcess(name, command, folder / "recorder.log")
 
     def rest(self, until: Callable[[], bool]) -> None:
-        """See `Stand`."""
+        """See `Stand`. An emulated stand, beside which nobody stands, is armed again."""
         self._watch.excite(0.0, 0.0)
+        while self._campaign.stand == "emulated" and (fault := self.fault()):
+            to_stderr(f"{fault}; {self._watch.arm() or 'armed again'}")
+            time.sleep(_ARM_AGAIN)
+            self._check()
         self._until(until, math.inf, "the end of a rest")
 
     def fault(self) -> str:
         """See `Stand`."""
         watch = self._watch
         for name, state in (("motor", watch.ceiling), ("exciter", watch.exciter)):
-            if state.mode in _OFF[name]:
-                return f"the {name} is {_OFF[name][state.mode]}: {state.fault or 'a person has to arm it'}"
+            if state.mode in _OFF[name] or state.fault:
+                mode = _OFF[name].get(state.mode, "off")
+                return f"the {name} is {mode}: {state.fault or 'a person has to arm it'}"
         return ""
 
     def close(self) -> None:

@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from atpid_interfaces.msg import CeilingState
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import GetState
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -20,12 +18,6 @@ from atpid_common.nodes.messages import STEADY
 MOTOR, EXCITER = "motor_node", "excitation_node"
 #: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
 _STATE, _STOP, _ARM, _SHOWN = 1.0, 1.5, 4.0, 1.0
-#: Lifecycle transitions that arm it from each state; an active one is armed by its service.
-_TRANSITIONS = {
-    "unconfigured": (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE),
-    "inactive": (Transition.TRANSITION_ACTIVATE,),
-    "active": (),
-}
 #: What it does once it is armed.
 _ARMED = {
     CeilingState.HOMING: "homing has begun",
@@ -41,8 +33,6 @@ class DeviceRequests:
         """Make the clients of the node `name`."""
         self._node, self._name, self._clock = node, name, STEADY
         self._stop = node.create_client(Trigger, f"{name}/stop")
-        self._get_state = node.create_client(GetState, f"{name}/get_state")
-        self._change = node.create_client(ChangeState, f"{name}/change_state")
 
     async def stop(self) -> str:
         """Switch it off. Return why that is not confirmed, one line; empty: the device has confirmed it."""
@@ -50,34 +40,6 @@ class DeviceRequests:
         if answer is None:
             return f"{self._name} does not answer"
         return "" if answer.success else str(answer.message)
-
-    async def lifecycle_state(self) -> str:
-        """Return its lifecycle state, asked for now; empty: it does not answer."""
-        answer = await self._answer(self._get_state, GetState.Request(), _STATE)
-        return str(answer.current_state.label) if answer is not None else ""
-
-    async def activate(self, lifecycle_state: str, otherwise: Client | None = None) -> str:
-        """Activate it from this state of its node, one that is active by a service `otherwise`.
-
-        Return why it is not active, one line; empty: it is.
-        """
-        if lifecycle_state not in _TRANSITIONS:
-            return f"{self._name} is {lifecycle_state or 'silent'}: start it again"
-        requests: list[tuple[Client, Any]] = [
-            (self._change, ChangeState.Request(transition=Transition(id=number)))
-            for number in _TRANSITIONS[lifecycle_state]
-        ]
-        end = time.monotonic() + _ARM
-        for client, request in requests or ([(otherwise, Trigger.Request())] if otherwise else []):
-            answer = await self._answer(client, request, end - time.monotonic())
-            if answer is None:
-                return f"{self._name} has not answered within {_ARM:g} s"
-            if not answer.success:
-                return getattr(answer, "message", "") or self._reason(f"{self._name} refused; its log has the reason")
-        return ""
-
-    def _reason(self, otherwise: str) -> str:
-        return otherwise
 
     async def _answer(self, client: Client, request: Any, limit: float) -> Any:
         """Return the answer; None where there is none within `limit` [s]."""
@@ -110,24 +72,33 @@ class MotorRequests(DeviceRequests):
     def __init__(self, node: Node) -> None:
         """Make the clients."""
         super().__init__(node, MOTOR)
+        self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
         self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
         self._state, self._armed = CeilingState(), Future()
 
-    def on_state(self, state: CeilingState) -> None:
-        """Take a state of the ceiling."""
-        self._state = state
+    def on_state(self, state: CeilingState) -> str:
+        """Take a state of the ceiling. Return why the motor has just gone off, one line; empty: it has not."""
+        before, self._state = self._state, state
         if state.mode in _ARMED and not self._armed.done():
             self._armed.set_result(None)
+        if state.mode == CeilingState.FAULT != before.mode:
+            return f"motor off: {state.fault}"
+        return "motor off" if before.mode in _ARMED and state.mode not in _ARMED else ""
 
-    async def arm(self, lifecycle_state: str) -> tuple[bool, str]:
-        """Arm the motor from this state of its node; return whether it is armed, and what it does or why it is not."""
-        if problem := await self.activate(lifecycle_state, self._rearm):
-            return False, problem
+    async def answers(self) -> bool:
+        """Return whether its node answers now."""
+        return await self._answer(self._get_state, GetState.Request(), _STATE) is not None
+
+    async def arm(self) -> tuple[bool, str]:
+        """Arm the motor; return whether it is armed, and what it does or why it is not."""
+        answer = await self._answer(self._rearm, Trigger.Request(), _ARM)
+        if answer is None:
+            return False, f"{MOTOR} has not answered within {_ARM:g} s"
+        if not answer.success:
+            return False, str(answer.message)
         self._armed = Future()
         await self._within(self._armed, _SHOWN)
         if self._state.mode in _ARMED:
             return True, _ARMED[self._state.mode]
-        return False, self._reason("the motor is off again")
-
-    def _reason(self, otherwise: str) -> str:
-        return f"motor off: {self._state.fault}; remove the cause" if self._state.fault else otherwise
+        cause = f": {self._state.fault}; remove the cause" if self._state.fault else ""
+        return False, f"the motor is off again{cause}"

@@ -18,10 +18,14 @@ from atpid_control.views.live.requests import HoldRequest, MethodRequest, Note, 
 
 Answer = Callable[[tuple[bool, str]], None]
 MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
-EXCITER = "excitation_node/stop"
-#: Services (std_srvs/Trigger) of each request, all of which are called; the first of them in the graph answers it.
-#: A stop is latched in the supervisor and reaches the motor at once: whether it is off, the motor itself confirms.
-TRIGGERED = {"stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,)}
+EXCITER, ARM_EXCITER = "excitation_node/stop", "excitation_node/rearm"
+#: Services (std_srvs/Trigger) of each request, all of which are called. A stop is latched in the supervisor and reaches
+#: the drives at once: whether they are off they confirm themselves, and the supervisor where there is none of them.
+TRIGGERED = {
+    "stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (ARM_EXCITER,),
+}  # fmt: skip
+#: How the page names a drive, and what arms it there.
+DRIVES = {MOTOR: ("motor", "Arm again"), EXCITER: ("exciter", "Arm exciter")}
 SELECTOR = "selector_node"
 
 
@@ -31,7 +35,8 @@ class OperatorRequests:
     def __init__(self, node: Node, events: EventPublisher) -> None:
         """Make the clients."""
         self._node, self._events = node, events
-        self._triggers = {name: node.create_client(Trigger, name) for name in (MOTOR, SUPERVISOR, ARM, EXCITER)}
+        names = {name for triggered in TRIGGERED.values() for name in triggered}
+        self._triggers = {name: node.create_client(Trigger, name) for name in names}
         self._set = node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
 
     def do(self, request: Request, answer: Answer) -> None:
@@ -54,8 +59,18 @@ class OperatorRequests:
             nodes = " and ".join(name.partition("/")[0] for name in names)
             answer((False, f"{nodes}: not in the graph; nothing was done"))
             return
-        answers = [self._triggers[name].call_async(Trigger.Request()) for name in ready]
-        answers[0].add_done_callback(lambda future: answer(_outcome(future, partial(_in_words, ready[0]))))
+        answering = [name for name in ready if name != SUPERVISOR] or ready
+        outcomes: list[tuple[bool, str]] = []
+
+        def answered(name: str, future: Future) -> None:
+            outcomes.append(_outcome(future, partial(_in_words, name)))
+            if len(outcomes) == len(answering):
+                answer((all(success for success, _ in outcomes), "; ".join(text for _, text in outcomes)))
+
+        for name in ready:
+            future = self._triggers[name].call_async(Trigger.Request())
+            if name in answering:
+                future.add_done_callback(partial(answered, name))
 
     def _set_parameter(self, name: str, value: bool | str, done: str, answer: Answer) -> None:
         if not self._set.service_is_ready():
@@ -70,12 +85,13 @@ class OperatorRequests:
 
 
 def _in_words(service: str, found: Any) -> tuple[bool, str]:
-    """Return success and one line of an answer; of the motor itself in the words of the page."""
-    if service != MOTOR:
+    """Return success and one line of an answer; of a drive that is stopped in the words of the page."""
+    if service not in DRIVES:
         return bool(found.success), str(found.message)
+    drive, arms = DRIVES[service]
     if found.success:
-        return True, "motor off, confirmed by the motor node; Arm again arms it"
-    return False, f"motor off is not confirmed: use the emergency stop ({found.message})"
+        return True, f"{drive} off, confirmed by the {service.partition('/')[0]}; {arms} arms it"
+    return False, f"{drive} off is not confirmed: use the emergency stop ({found.message})"
 
 
 def _outcome(future: Future, read: Callable[[Any], tuple[bool, str]]) -> tuple[bool, str]:

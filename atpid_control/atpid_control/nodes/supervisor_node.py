@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Supervises a run in real time: whether the nodes answer, and whether the quantities keep to their limits.
 
-The motor moves and sends its heartbeat only while messages of `supervisor/state` permit it.
+The motor moves and sends its heartbeat only while messages of `supervisor/state` permit it, and so does the exciter,
+which a motor that goes off stops, too: the emergency stop opens the motor's contact.
 """
 
 import sys
@@ -160,7 +161,9 @@ class SupervisorNode(Node):
 
     def _on_state(self, state: CeilingState) -> None:
         if not state.handshake:
-            self._motor.on_state(state)
+            off = self._motor.on_state(state)
+            if off and self._exciter:
+                self._stop(off)
             self._quantities.on_motor(state.mode in (CeilingState.HOMING, CeilingState.MOVING), time.monotonic())
 
     def _on_passed(self, passed: Passed) -> None:
@@ -189,21 +192,19 @@ class SupervisorNode(Node):
         return response
 
     async def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear a stop or an abort whose cause is gone, and arm the motor; only on request of a person.
+        """Clear a stop or an abort whose cause is gone, and arm the motor alone; only on request of a person.
 
         Where the motor does not confirm that it is armed, the run is stopped: nothing may arm or move it later.
         """
         stops = self._stops
-        motor = await self._motor.lifecycle_state()  # one that hangs must not find the request when it goes on
-        text = self._rearm_refusal(motor, stops)
+        answers = await self._motor.answers()  # one that hangs must not find the request when it goes on
+        text = self._rearm_refusal(answers, stops)
         response.success = not text
         if not text:
             self._quantities.rearm()
             self._publish(time.monotonic())
-            response.success, text = await self._motor.arm(motor)
-            if response.success and self._exciter:
-                problem = await self._exciter.activate(await self._exciter.lifecycle_state())
-                response.success, text = not problem, problem or text
+            response.success, text = await self._motor.arm()
+            text += f"; {EXCITER}/rearm arms the exciter" if response.success and self._exciter else ""
             if self._stops > stops:
                 response.success, text = False, f"stopped meanwhile: {self._supervision.stopped}"
             elif not response.success:
@@ -211,8 +212,8 @@ class SupervisorNode(Node):
         response.message = f"armed; {text}" if response.success else f"not armed: {text}"
         return response
 
-    def _rearm_refusal(self, motor: str, stops: int) -> str:
-        """Return why nothing is armed, one line; empty: the stop is cleared. motor: lifecycle state of its node."""
+    def _rearm_refusal(self, motor: bool, stops: int) -> str:
+        """Return why nothing is armed, one line; empty: the stop is cleared. motor: whether its node answers."""
         if self._stops > stops:
             return f"stopped meanwhile: {self._supervision.stopped}"
         if not motor:

@@ -41,6 +41,8 @@ from atpid_sim.scene import Scene
 _BEHIND = "emulated/sensors/laser"
 _LOOP = ("identifier", "selector", "recorder")
 _CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
+#: Output of the stand-in NI module.
+_NI_OUTPUT = "cDAQ1Mod1/ao0"
 
 
 def parameters_emulated(
@@ -90,15 +92,19 @@ def parameters_emulated(
 def _exciter(scene: Scene, place: Path, own: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the parameters of the excitation node and those of the feed: a shaker, or an eccentric drive.
 
-    own: of the excitation node, whose backend may be labjack_dac; each is calibrated over 0 to 5 V.
+    own: of the excitation node, whose backend may be labjack_dac or nidaqmx; each is calibrated over its range.
     """
-    level, most = own["backend"] == "labjack_dac", own["highest_amplitude"]
+    backend = own["backend"] if own["backend"] in ("labjack_dac", "nidaqmx") else "labjack_stream"
+    level, most = backend == "labjack_dac", own["highest_amplitude"]
     top = own["highest_frequency"] if level else 3.0 * most  # a controller may need more than the command
     channel, unit = ("drive_frequency", "Hz") if level else ("drive_amplitude", scene.driven_by.unit)
-    coefficients = (0.0, top / 5.0) if level else (-top, top / 2.5)
-    path = _calibrated(place / "exciter.yaml", channel, unit, coefficients, (0.0, 5.0))
-    backend = "labjack_dac" if level else "labjack_stream"
+    low, high = (-10.0, 10.0) if backend == "nidaqmx" else (0.0, 5.0)
+    least = 0.0 if level else -top
+    gain = (top - least) / (high - low)
+    path = _calibrated(place / "exciter.yaml", channel, unit, (least - gain * low, gain), (low, high))
     node = own | {"backend": backend, "calibration": str(path), "supervised": True}
+    if backend == "nidaqmx":
+        node["terminal"] = _NI_OUTPUT
     return node, {"output": str(place / "output"), "output_calibration": str(path), "disc": most if level else 0.0}
 
 
@@ -148,10 +154,12 @@ def commands_emulated(
 
 
 def _device_environment(control: Path, source: str = "", output: Path | None = None) -> list[str]:
-    """Return the environment in which LabJack's package finds the stand-in, which is built where it is missing."""
+    """Return the environment in which the vendor's package finds the stand-in, which is built where it is missing."""
     libraries = build()
     Control(control).close()  # the device's files, which must be there when it is opened
     if output is not None:
         Outputs(output)
-    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output)
+    ni = control if output else None  # an exciter's device may be either
+    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output, daqmx_control=ni,
+                         daqmx_output=output)  # fmt: skip
     return [f"{name}={value}" for name, value in values.items()]

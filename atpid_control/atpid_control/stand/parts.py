@@ -69,6 +69,8 @@ SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 FEED = Part("atpid_driver", "feed_node", "")
 #: What excites the structure, where the scene or the stand's configuration has it commanded.
 EXCITATION = Part("atpid_driver", "excitation_node", "excitation.yaml")
+#: Silence of a node that stops an exciter [s].
+_EXCITED = 0.3
 #: Names for which a parameter file may have values, whichever of them a run has.
 NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, EXCITATION, LIVE, LABJACK, NI, FEED))
 
@@ -150,7 +152,7 @@ def stand_parameters(parts: Iterable[Part], scene_file: Path, height_map: Path |
     others = [part.name for part in parts if part.name not in (SUPERVISOR.name, LIVE.name)]
     return {
         SERIAL_MOTOR.name: {"supervised": True}, EXCITATION.name: {"supervised": True},
-        SUPERVISOR.name: named | {"nodes": others}, "selector_node": named | {"map": str(height_map or "")},
+        SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")},
     }  # fmt: skip
 
 
@@ -166,8 +168,20 @@ def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[st
 
     A scene with faults is run with them: its loop is not checked.
     """
-    own: dict[str, Any] = {"nodes": [part.name for part in parts], "scene": str(scene_file)}
+    own: dict[str, Any] = answering(part.name for part in parts) | {"scene": str(scene_file)}
     return own | ({"check_time": 0.0} if scene.injected else {})
+
+
+def answering(nodes: Iterable[str]) -> dict[str, Any]:
+    """Return which nodes have to answer. With an exciter all of a stand are needed, and it is off in half a second.
+
+    What simulates or emulates it ends before the others.
+    """
+    names = list(nodes)
+    if EXCITATION.name not in names:
+        return {"nodes": names}
+    needed = [name for name in names if name not in ("plant_node", FEED.name)]
+    return {"nodes": names, "needed": needed, "answer_time": _EXCITED}
 
 
 def ceiling_parameters(scene: Scene) -> dict[str, float]:

@@ -28,7 +28,7 @@ RESTART_TIME = 60.0
 #: Nodes that a run does not need: where one ends, the run goes on.
 OPTIONAL = ("live_node",)
 #: What moves something: ended first.
-MOVING = ("motor_node", "excitation_node")
+MOVING = ("motor_node", "excitation_node", "supervisor_node")
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
@@ -121,7 +121,7 @@ class Processes:
 
     @contextmanager
     def motor_first(self) -> Iterator[None]:
-        """Interrupt those of motor and exciter as soon as this is left: before anything else is ended."""
+        """Interrupt motor, exciter and the supervisor, which both answer to, as soon as this is left: first of all."""
         try:
             yield
         finally:

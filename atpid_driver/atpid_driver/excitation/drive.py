@@ -8,8 +8,10 @@ from math import nan
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import DriverError, NotReadyError
+from atpid_driver.excitation.limits import Command, Floats, Point, check, check_unit
+from atpid_driver.excitation.recorded import resampled
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Command, Generator, Point, check
+from atpid_driver.excitation.signals import Generator, unit_signal
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
 MOST_LATE = 1.0
@@ -31,6 +33,8 @@ class Output:
     frequency: float = 0.0  # [Hz]
     commanded: Point = NOWHERE  # by the command, now
     volts: float = nan  # peak; NaN: there is none
+    limited: bool = False  # more was asked for than the limits allow
+    ended: str = ""  # why the output has ended by itself; it follows nothing until `off`
 
 
 class ExcitationDrive(ABC):
@@ -40,6 +44,7 @@ class ExcitationDrive(ABC):
         """Begin unconnected."""
         self._settings = settings
         self._enabled = False
+        self._recorded: tuple[str, Floats] | None = None  # name and one period of the recorded signal
 
     @abstractmethod
     def connect(self) -> str:
@@ -49,17 +54,27 @@ class ExcitationDrive(ABC):
         """Let commands switch the output on."""
         self._enabled = True
 
+    def take(self, name: str, values: Floats, rate: float) -> None:
+        """Keep the samples (n,) at `rate` [Hz] of a recorded signal alone. Raises CommandRefusedError."""
+        self._recorded = name, resampled(values, rate, self._settings.sample_rate)
+
     def follow(self, command: Command) -> None:
         """Follow `command` along ramps. Raises CommandRefusedError and NotReadyError; the output stays as it is."""
         if not self._enabled:
             raise NotReadyError("the output is off: activate the excitation node")
         check(self._settings, command)
-        self._act("follow", command)
+        if not command.wave:
+            self._act("follow", command)
+            return
+        known = self._recorded is not None and self._recorded[0] == command.file
+        recorded = self._recorded[1] if self._recorded and known else None
+        unit = unit_signal(command, self._settings.sample_rate, recorded)
+        check_unit(self._settings, command, unit)
+        self._act("follow", command, unit)
 
     def correct(self, amplitude: float, frequency: float, *, waits: bool) -> None:
         """Put out so many times the command's amplitude and frequency; waits: a sweep stays where it is."""
-        held = 1.0 if self._settings.backend == "labjack_dac" else amplitude  # a disc's amplitude is what it is
-        self._act("correct", held, frequency, waits)
+        self._act("correct", amplitude, frequency, waits)
 
     def stop(self) -> None:
         """Ramp down within `stop_time`."""
@@ -124,4 +139,5 @@ def output_of(generator: Generator, volts: float = nan) -> Output:
     """Return what a generator puts out."""
     command = generator.command
     return Output(generator.mode, command.kind, command.sequence, generator.amplitude,
-                  generator.frequency if generator.amplitude else 0.0, generator.commanded, volts)  # fmt: skip
+                  generator.frequency if generator.amplitude else 0.0, generator.commanded, volts,
+                  generator.clamp.limited, generator.ended)  # fmt: skip

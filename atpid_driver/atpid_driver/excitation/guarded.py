@@ -6,9 +6,13 @@ Where that process is killed or hangs instead, this one opens the device and swi
 device's own watchdog does.
 """
 
+import os
+import socket
+import struct
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,12 +21,13 @@ from typing import Any
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_driver.excitation.drive import ExcitationDrive, Output, OutputLostError
-from atpid_driver.excitation.outlets import OUTLETS, calibration_of
+from atpid_driver.excitation.outlets import OUTLETS, calibration_of, load_library
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import unit_signal
 
-#: Until the device has been opened, and until it has answered or confirmed a stop beyond the ramp [s].
-_OPEN, _CONFIRM = 15.0, 0.5
+#: Until its process runs, which a busy machine may delay for long, and until the device has been opened then [s].
+_START, _OPEN = 120.0, 15.0
+#: Until it has taken a request, has answered one, and has confirmed a stop beyond the ramp [s].
+_SEND, _ANSWER, _CONFIRM = 0.2, 0.25, 0.5
 
 
 class GuardedDrive(ExcitationDrive):
@@ -35,36 +40,40 @@ class GuardedDrive(ExcitationDrive):
         self._process: subprocess.Popen[bytes] | None = None
         self._partner: Connection | None = None
         self._asked: float | None = None  # steady time of the first request for a state that is not answered [s]
-        self._signal = ""  # command whose signal the process has
         self._output = Output(ExciterMode.UNCONFIGURED)
 
     def connect(self) -> str:
         """See ExcitationDrive."""
         self.close()
+        load_library(self._settings)  # `_rescue` must not wait for it
         self._partner, theirs = Pipe()
+        _limit_sending(self._partner, _SEND)
         program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
         with theirs:
             self._process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
-        self._partner.send((self._settings, self._calibration))
-        self._output, self._asked, self._signal = Output(ExciterMode.OFF), None, ""
+        self._send((self._settings, self._calibration))
+        self._output, self._asked = Output(ExciterMode.OFF), None
+        self._wait("started", _START)
+        with suppress(OSError):  # the node's own priority, which a process that it starts has not
+            os.sched_setscheduler(self._process.pid, os.sched_getscheduler(0), os.sched_getparam(0))
         return str(self._wait("identity", _OPEN))
 
     def turn(self, _now: int, /) -> Output:
         """See ExcitationDrive: the last state that was received, and a request for the next."""
         while self._partner is not None and self._partner.poll():
             self._receive()
-        if self._asked is not None and time.monotonic() - self._asked > self._settings.stop_time + _CONFIRM:
+        if self._asked is not None and time.monotonic() - self._asked > _ANSWER:
             raise self._lost("it does not answer")
         if self._partner is not None:
             self._asked = self._asked or time.monotonic()
-            self._send("state")
+            self._act("state")
         return self._output
 
     def off(self) -> None:
         """See ExcitationDrive."""
         self._enabled = False
         if self._partner is not None:
-            self._send("off")
+            self._act("off")
             self._wait("off", self._settings.stop_time + _CONFIRM)
             self._output = Output(ExciterMode.OFF)
 
@@ -80,18 +89,16 @@ class GuardedDrive(ExcitationDrive):
             process.wait()
             self._rescue()
 
-    def _act(self, method: str, *arguments: Any) -> None:
-        if method == "follow" and arguments[0].wave and repr(arguments[0]) != self._signal:
-            # made here: the process goes on meanwhile, and what is refused is reported to the sender
-            signal = unit_signal(arguments[0], self._settings.sample_rate)
-            arguments, self._signal = (*arguments, signal), repr(arguments[0])
-        self._send(method, *arguments)
+    def _act(self, method: str, *arguments: object) -> None:
+        self._send((method, arguments))
 
-    def _send(self, name: str, *arguments: object) -> None:
+    def _send(self, request: object) -> None:
         if self._partner is None:
             return
         try:
-            self._partner.send((name, arguments))
+            self._partner.send(request)
+        except BlockingIOError:
+            raise self._lost("it takes no request") from None
         except OSError:
             raise self._lost("its process has ended") from None
 
@@ -145,3 +152,10 @@ class GuardedDrive(ExcitationDrive):
             then = f"the T7's watchdog acts after {self._settings.watchdog} s" if own else "cut the amplifier's supply"
             return f"off not confirmed ({error}); {then}"
         return "switched off"
+
+
+def _limit_sending(partner: Connection, seconds: float) -> None:
+    """Let what is sent fail with BlockingIOError where the partner does not read for `seconds` [s]."""
+    with socket.socket(fileno=partner.fileno()) as ours:
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", 0, round(1e6 * seconds)))
+        ours.detach()

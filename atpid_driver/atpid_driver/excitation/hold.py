@@ -27,7 +27,9 @@ class _Integrator:
     value: float = 0.0
     drift: float = 0.0
 
-    def turn(self, error: float, seconds: float, slow: float) -> None:
+    def turn(self, error: float, seconds: float, slow: float, limited: bool) -> None:
+        if limited and error * self.value > 0.0:
+            return  # the output cannot follow: what would be summed up now would have to be undone later
         if abs(error) < _MOST_ERROR:  # a large one is no drift: it would carry the output beyond the command
             self.drift += error * seconds / (_SLOWER * slow**2)
         error = max(-_MOST_ERROR, min(_MOST_ERROR, error))
@@ -36,21 +38,27 @@ class _Integrator:
         if self.value != wanted:
             self.drift = 0.0
 
+    @property
+    def at_limit(self) -> bool:
+        return abs(self.value) >= self.limit > 0.0
+
 
 class Hold:
     """Corrects the output once for each estimate."""
 
-    def __init__(self, tolerance: float, most_correction: float) -> None:
-        """Begin without a correction; see ExcitationSettings."""
-        self._tolerance, self._limit = tolerance, math.log(most_correction)
+    def __init__(self, tolerance: float, most_correction: float, *, fixed_amplitude: bool = False) -> None:
+        """Begin without a correction; see ExcitationSettings. fixed_amplitude: a disc's, which nothing can correct."""
+        self._tolerance, self._limit, self._fixed = tolerance, math.log(most_correction), fixed_amplitude
         self.reset()
 
     def reset(self) -> None:
         """Correct nothing: another command is followed."""
-        self._amplitude, self._frequency = _Integrator(self._limit), _Integrator(self._limit)
+        self._amplitude = _Integrator(0.0 if self._fixed else self._limit)
+        self._frequency = _Integrator(self._limit)
         self._settled = 0.0  # since the output is at the command [s]
         self._within, self._slow = 0.0, math.inf  # since the error is within the tolerance; time constant [s]
         self.error = math.inf  # of amplitude or frequency, the larger one, smoothed over the delay [-]
+        self._newest = math.inf  # the same of the last estimate, infinite where that is not steady [-]
 
     @property
     def factors(self) -> tuple[float, float]:
@@ -59,21 +67,37 @@ class Hold:
 
     @property
     def held(self) -> bool:
-        """Whether the identified excitation stays within the tolerance: an overshoot crosses it sooner."""
-        return self._within >= 2.0 * self._slow
+        """Whether the last estimate is steady and within the tolerance, as those before: an overshoot crosses it."""
+        return self._within >= 2.0 * self._slow and self._newest <= self._tolerance
+
+    @property
+    def misses(self) -> bool:
+        """Whether the command is missed by more than the tolerance, or it is not known whether it is."""
+        return self.error > self._tolerance
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether the largest correction is made."""
+        return self._amplitude.at_limit or self._frequency.at_limit
 
     @property
     def waits(self) -> bool:
         """Whether a sweep has to wait."""
         return self.error > _WAIT * self._tolerance
 
-    def turn(self, wanted: tuple[float, float], measured: tuple[float, float], seconds: float, delay: float) -> None:
+    def turn(  # an estimate, and what it is worth
+        self, wanted: tuple[float, float], measured: tuple[float, float], seconds: float, delay: float, *,
+        steady: bool = True, limited: bool = False,
+    ) -> None:  # fmt: skip
         """Act on an estimate `seconds` after the last one, where the output has been at the command.
 
         wanted, measured: amplitude [m] or [N], frequency [Hz]; delay: from a change of the output to the estimate that
-        shows it whole, the length of its window and the way through the loop [s].
+        shows it whole, the length of its window and the way through the loop [s]; steady: whether it is one of a steady
+        tone; limited: whether the output is at its limits.
         """
+        self._newest = math.inf
         if not all(math.isfinite(value) and value > 0.0 for value in (*wanted, *measured)):
+            self._within = 0.0
             return
         self._settled += seconds
         if self._settled < delay:
@@ -81,8 +105,9 @@ class Hold:
         slow = self._slow = _SLOW * delay
         errors = [math.log(want / value) for want, value in zip(wanted, measured, strict=True)]
         for integrator, error in zip((self._amplitude, self._frequency), errors, strict=True):
-            integrator.turn(error, seconds, slow)
+            integrator.turn(error, seconds, slow, limited)
         newest = max(map(abs, errors))
+        self._newest = newest if steady else math.inf
         share = min(1.0, seconds / delay)
         self.error = newest if math.isinf(self.error) else self.error + share * (newest - self.error)
         self._within = self._within + seconds if self.error <= self._tolerance else 0.0

@@ -3,8 +3,9 @@
 """`python -m atpid_driver.excitation.outlet_process FD`: owns one analogue output, and switches it off by itself.
 
 It reads requests (name, arguments) from a connection of `multiprocessing` and answers with (name, value). When its
-partner is silent, or the connection ends because the partner is gone, it ramps down: no output survives the node. It
-ignores Ctrl-C and SIGTERM, which the node receives too.
+partner is silent it ramps down, and follows nothing until it was switched off. When the connection ends because the
+partner is gone it ramps down and ends: no output survives the node. It ignores Ctrl-C and SIGTERM, which the node
+receives too.
 """
 
 import math
@@ -17,7 +18,7 @@ from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_driver.calibration.model import Calibration
 from atpid_driver.excitation.drive import Output
-from atpid_driver.excitation.outlets import OUTLETS
+from atpid_driver.excitation.outlets import OUTLETS, load_library
 from atpid_driver.excitation.settings import ExcitationSettings
 from atpid_driver.excitation.signals import Generator
 
@@ -30,7 +31,7 @@ class Process:
 
     def __init__(self, partner: Connection, settings: ExcitationSettings, calibration: Calibration) -> None:
         """Begin unopened."""
-        self._partner = partner
+        self._partner, self._settings = partner, settings
         self._outlet = OUTLETS[settings.backend](settings, calibration)
         self._generator = Generator(settings)
         self._received = time.monotonic()
@@ -40,6 +41,8 @@ class Process:
     def run(self) -> None:
         """Open the device, and run until the connection has ended and the output is off. Raises DriverError."""
         try:
+            load_library(self._settings)  # which takes long on a busy machine, and shows nothing about the device
+            self._answer("started")
             self._answer("identity", self._outlet.open())
             due = time.monotonic()
             while not self._ended:
@@ -54,7 +57,7 @@ class Process:
     def _turn(self) -> None:
         now = time.monotonic()
         if now - self._received > SILENCE:
-            self._generator.stop()
+            self._generator.end(f"no sign of the node for {SILENCE:g} s")
         self._output = self._outlet.put(self._generator, now)
 
     def _ramp_down(self) -> None:
@@ -79,6 +82,7 @@ class Process:
             self._answer(name, self._output)
         elif name == "off":
             self._ramp_down()
+            self._generator.cut()
             self._answer(name)
         else:
             getattr(self._generator, name)(*arguments)

@@ -2,31 +2,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analogue outputs: what a generator puts out, as the voltage of a T7 or of an NI module.
 
-Registers and calls of the T7 as in LabJack's own examples (labjack-ljm-python: write_watchdog_config.py,
-aperiodic_stream_out.py), not tried on a device: UNVERIFIED.
+Registers and calls of the T7 as in LabJack's T-series datasheet (23.0 Watchdog, 24.0 IO Config) and own examples
+(labjack-ljm-python: write_watchdog_config.py, aperiodic_stream_out.py), not tried on a device: UNVERIFIED.
 """
 
 import importlib
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from atpid_driver.acquisition import labjack, nidaqmx
-from atpid_driver.acquisition.errors import SetupRefusedError
+from atpid_driver.acquisition.errors import SetupRefusedError, StreamLostError
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import Calibration, CalibrationError, load
 from atpid_driver.excitation.drive import Output, output_of
+from atpid_driver.excitation.limits import Floats
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Floats, Generator
+from atpid_driver.excitation.signals import Generator
 
 #: A streamed output is written so far ahead [s]: a stop waits for so long before its ramp begins.
 LEAD = 0.04
 #: Of the T7's stream-out that is used, and the address of its place in a scan list.
 _STREAM_OUT, _STREAM_OUT_ADDRESS = 0, 4800
+#: What feeds the T7's watchdog, which is strict: traffic of others keeps no output on that has lost its process.
+_KEY = 0x41545049
+#: After a reset the outputs rest, and the T7 waits so long for a feed until it resets again: time to open it in [s].
+_STARTUP = 60.0
+#: Address of IO_CONFIG_SET_DEFAULT_TO_CURRENT, which later versions of LJM name otherwise, and its type, UINT32.
+_SAVE_POWER_UP, _UINT32 = 49002, 1
+_DACS, _SAME = ("DAC0", "DAC1"), 5e-3  # voltages that are the same: within four steps of an output [V]
 
 
 def calibration_of(settings: ExcitationSettings, folder: Path) -> Calibration:
@@ -39,6 +47,11 @@ def calibration_of(settings: ExcitationSettings, folder: Path) -> Calibration:
             f"{wanted}"
         )
     return found
+
+
+def load_library(settings: ExcitationSettings) -> None:
+    """Load the vendor's library. Raises LibraryMissingError."""
+    (nidaqmx.load_nidaqmx if settings.backend == "nidaqmx" else labjack.load_ljm)(settings.library)
 
 
 class Outlet(ABC):
@@ -76,43 +89,65 @@ class _T7(labjack.T7, Outlet):
     """What both outputs of a T7 share: the device, and the watchdog that switches its outputs off by itself."""
 
     _resets = False  # whether the watchdog resets the device, which also ends a stream
+    _fed = inf  # the turn at which the watchdog was fed [s]
+    _dacs: tuple[str, ...] = ()  # that rest: the signal's, and the other of a streamed one; none: the T7 is not ours
 
     def open(self) -> str:
         """See Outlet."""
         settings = self._settings
-        if settings.terminal not in ("DAC0", "DAC1"):
+        if settings.terminal not in _DACS:
             raise SetupRefusedError(f"terminal: given {settings.terminal!r}; allowed: DAC0 or DAC1")
         found = self._connect(settings.library, settings.connection, settings.serial)
+        self._dacs = (settings.terminal, *({*_DACS} - {settings.terminal} if self._resets else ()))
         self.rest()
         self._set_watchdog()
-        return f"labjack:{found} {settings.terminal}"
+        return f"labjack:{found} {' against '.join(self._dacs)}"
 
     def _set_watchdog(self) -> None:
-        """Arm the watchdog, which every call sets back; its registers are in flash, so only where they differ."""
-        terminal = self._settings.terminal
+        """Arm the watchdog, and let the outputs rest after a reset and at power-up too.
+
+        Its registers are in flash, which wears: only those that differ are written. No register has the power-up
+        voltages alone: they are saved, with all that the T7 is set to now, where the watchdog was set up otherwise.
+        """
+        enable = "WATCHDOG_ENABLE_DEFAULT"
         wanted = {
             "WATCHDOG_TIMEOUT_S_DEFAULT": float(self._settings.watchdog),
+            "WATCHDOG_STARTUP_DELAY_S_DEFAULT": _STARTUP,
+            "WATCHDOG_STRICT_ENABLE_DEFAULT": 1.0,
+            "WATCHDOG_STRICT_KEY_DEFAULT": float(_KEY),
             "WATCHDOG_RESET_ENABLE_DEFAULT": float(self._resets),
-            f"WATCHDOG_{terminal}_ENABLE_DEFAULT": 1.0,
-            f"WATCHDOG_{terminal}_DEFAULT": self._rest,
+            **{f"WATCHDOG_{dac}_ENABLE_DEFAULT": float(dac in self._dacs) for dac in _DACS},
+            **{f"WATCHDOG_{dac}_DEFAULT": self._rest for dac in self._dacs},
+            enable: 1.0,
         }
-        names = [*wanted, "WATCHDOG_ENABLE_DEFAULT"]
-        if self._call("eReadNames", len(names), names) == [*wanted.values(), 1.0]:
-            return
-        names, values = ["WATCHDOG_ENABLE_DEFAULT", *names], [0.0, *wanted.values(), 1.0]
-        self._call("eWriteNames", len(names), names, values)
+        found = self._call("eReadNames", len(wanted), list(wanted))
+        differ = {name: wanted[name] for name, at in zip(wanted, found, strict=True) if abs(at - wanted[name]) > _SAME}
+        if differ.keys() - {enable}:
+            self._call("eWriteName", enable, 0.0)  # the others cannot be written while it runs
+            self._call("eWriteAddress", _SAVE_POWER_UP, _UINT32, 1.0)
+            differ[enable] = 1.0
+        if differ:
+            self._call("eWriteNames", len(differ), list(differ), list(differ.values()))
+
+    def _feed(self, now: float) -> None:
+        """Feed the watchdog in the turn at `now` [s]. Raises StreamLostError where it has acted since the last one."""
+        if now - self._fed > self._settings.watchdog:
+            raise StreamLostError(f"the T7's watchdog has acted: it was not fed for {now - self._fed:.1f} s")
+        self._fed = now
+        self._call("eWriteName", "WATCHDOG_STRICT_CLEAR", float(_KEY))
 
     def rest(self) -> None:
         """See Outlet."""
-        self._call("eWriteName", self._settings.terminal, self._rest)
+        self._call("eWriteNames", len(self._dacs), self._dacs, [self._rest] * len(self._dacs))
 
     def close(self) -> None:
         """See Outlet. The watchdog is disarmed: the device is idle, and others may use it."""
         if self._handle is None:
             return
         try:
-            self.rest()
-            self._call("eWriteName", "WATCHDOG_ENABLE_DEFAULT", 0.0)
+            if self._dacs:
+                self.rest()
+                self._call("eWriteName", "WATCHDOG_ENABLE_DEFAULT", 0.0)
         finally:
             handle, self._handle = self._handle, None
             labjack.call(self._ljm, "close", handle)
@@ -128,6 +163,7 @@ class T7Level(_T7):
 
     def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
+        self._feed(now)
         before, self._now = self._now, now
         generator.advance(0.0 if before is None else max(0.0, now - before))
         disc = self._settings.highest_amplitude
@@ -168,13 +204,14 @@ class _Streamed(Outlet):
 
 
 class T7Stream(_Streamed, _T7):
-    """A shaker amplifier's input from the T7's stream-out, which needs the device's stream for itself."""
+    """A shaker amplifier's input, between both outputs, from the T7's stream-out, which needs its stream for itself."""
 
     _resets = True
     _streams = True  # perhaps, that of a process that was killed
 
     def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""
+        self._feed(now)
         if not self._streams:
             self._begin()
             target = int(labjack.call(self._ljm, "nameToAddress", self._settings.terminal)[0])
@@ -196,7 +233,7 @@ class T7Stream(_Streamed, _T7):
 
 
 class NiStream(_Streamed):
-    """A shaker amplifier's input from an NI module such as the 9263; no watchdog of its own is used."""
+    """A shaker amplifier's input from an NI module such as the 9263; no watchdog of its chassis is used."""
 
     def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
         """Begin unopened."""
@@ -208,7 +245,10 @@ class NiStream(_Streamed):
         """See Outlet."""
         self._nidaqmx = nidaqmx.load_nidaqmx(self._settings.library)
         self.rest()
-        return f"nidaqmx {self._settings.terminal}"
+        return (
+            f"nidaqmx {self._settings.terminal} (no watchdog: where both processes end at once the last "
+            "voltage stays; the amplifier's enable must be on the emergency stop's relay)"
+        )
 
     def put(self, generator: Generator, now: float) -> Output:
         """See Outlet."""

@@ -41,6 +41,14 @@ class ExcitationSettings(SupervisedSettings):
                                       default=0.01)  # fmt: skip
     most_correction: float = described("with hold: the output is at most this many times the command's, or its inverse",
                                        "-", 1.0, 100.0, default=3.0)  # fmt: skip
+    hold_timeout: float = described(
+        "with hold: so long without a usable estimate, and five periods at least, end the output", "s", 0.2, 60.0,
+        default=2.0,
+    )  # fmt: skip
+    saturation_time: float = described(
+        "with hold: so long at its limits, the command missed by more than the tolerance, end the output", "s", 0.1,
+        60.0, default=2.0,
+    )  # fmt: skip
     calibration: str = described(
         "calibration file of the output, channel drive_frequency [Hz] of labjack_dac, else drive_amplitude", default=""
     )
@@ -51,8 +59,9 @@ class ExcitationSettings(SupervisedSettings):
                                 default="ANY")  # fmt: skip
     sample_rate: float = described("samples per second of a streamed output", "Hz", 100.0, 50_000.0, default=2000.0)
     watchdog: int = described(
-        "the T7 itself switches its outputs off after this silence, where all processes are gone", "s", 1, 60, default=2
-    )
+        "the T7 itself lets its outputs rest after this silence, where all processes are gone; LabJack advises against "
+        "less than 2 to 3 s", "s", 3, 60, default=3,
+    )  # fmt: skip
     library: str = described("path of the vendor's library; empty: that of the system", default="")
 
     def __post_init__(self) -> None:

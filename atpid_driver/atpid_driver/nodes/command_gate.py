@@ -1,6 +1,10 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Which commands may move something: those of the sender that is followed, in time, and made since it was armed."""
+"""Which commands may move something: those of the sender that is followed, in time, and made since it was armed.
+
+A drive has its permit while its node is active. Every stop takes it away, and only arming gives it back. A command is a
+decision, however often it is repeated, and one that was made before the drive was armed is void for good.
+"""
 
 import time
 from collections.abc import Callable
@@ -35,6 +39,10 @@ class CommandGate:
         self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)
         self._freshness = Freshness()
         self._late = 0.0  # of the last command [s]
+        self._decision: object = None  # of the last command
+        self._void = False  # it was made before the drive was armed, or its motion has been ended since
+        self._number = 0  # of the last message of its publisher
+        self._armed = False  # ever
         self._last_refused: object = None
         self.latencies = Latencies()  # from a sample to the receipt of the command that answers it
 
@@ -58,10 +66,16 @@ class CommandGate:
             text = f"command ignored: {self._commander.problem}"
             self._publish_event(Event.ALARM, Event.REFUSED, value, text)
 
-    def receive(self, stamp: int, info: dict[str, int]) -> None:
-        """Take the `stamp` [ns] of a command that is to be followed, and the middleware's `info` about it."""
+    def receive(self, stamp: int, info: dict[str, int], decision: object) -> None:
+        """Take the `stamp` [ns] of a command that is to be followed, and the middleware's `info` about it.
+
+        decision: what is commanded, equal for commands that repeat one decision; another publisher makes a new one.
+        """
         self.latencies.add(info.get("received_timestamp", 0) - stamp)
         self._late = self._freshness.age(stamp, time.monotonic_ns())
+        before, self._number = self._number, info.get("publication_sequence_number") or 0
+        if decision != self._decision or 0 < self._number <= before:
+            self._decision, self._void = decision, False
 
     def check_fresh(self, info: dict[str, int], now: int) -> None:
         """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.
@@ -79,7 +93,17 @@ class CommandGate:
                 "(command_timeout)"
             )
         if self._freshness.before_armed(waited, now):
+            self._void = True
             raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before it was armed")
+        if self._void:
+            raise CommandStaleError(
+                "command ignored: it is older than the last stop, however often it is repeated; give a new one, with "
+                "another sequence"
+            )
+
+    def void(self) -> None:
+        """Ignore repetitions of the last command: what it moved has been ended."""
+        self._void = True
 
     def accepted(self) -> None:
         """Report the next refusal again: a command has been taken up."""
@@ -95,6 +119,9 @@ class CommandGate:
     def armed(self, now: int) -> None:
         """Note that it was armed at `now` [ns]: what was commanded before must not move it."""
         self._freshness.armed(now)
+        # one that starts by itself on a bench has been stopped by nobody; on a stand that is not known
+        self._void = self._armed or self._settings.supervised
+        self._armed = True
 
     def restart(self) -> None:
         """A source begins: its stamps are not those of the one before."""

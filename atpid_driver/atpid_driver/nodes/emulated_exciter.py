@@ -15,7 +15,7 @@ from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STEADY
 from atpid_common.nodes.parameters import Entry
 from atpid_common.vocabulary import Frame
-from atpid_driver.calibration.convert import si_of, volts_of
+from atpid_driver.calibration.convert import si_of
 from atpid_driver.calibration.model import load
 from atpid_driver.standins.outputs import Outputs
 
@@ -31,7 +31,7 @@ _NOISE = 1e-4
 
 
 class EmulatedExciter:
-    """Publishes emulated/excitation/state: what the voltage of DAC0 really does, whatever the excitation node says."""
+    """Publishes emulated/excitation/state: what DAC0, of a shaker over DAC1, really does, whatever the node says."""
 
     def __init__(self, node: Node, values: Mapping[str, Any], topic: str) -> None:
         """Open the output. Raises CalibrationError for an invalid calibration file."""
@@ -59,12 +59,11 @@ class EmulatedExciter:
         return (self._disc, frequency, volts) if volts > 0.0 and frequency > 0.0 else (0.0, 0.0, volts)
 
     def _tone(self) -> tuple[float, float, float]:
-        times, volts = self._outputs.recent(0, WINDOW)
-        rest = float(volts_of(self._calibration, np.zeros(1))[0])
+        times, volts = self._outputs.recent(WINDOW)
         low, high = self._calibration.limits_volts
-        peak = float(np.abs(volts - rest).max())
+        peak = float(np.abs(volts).max())
         if peak < _NOISE * (high - low) or not self._frequency:
             return 0.0, 0.0, peak
         angle = 2.0 * np.pi * self._frequency * times
-        parts = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle)], axis=1), volts - rest, rcond=None)[0]
+        parts = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle)], axis=1), volts, rcond=None)[0]
         return float(np.hypot(*parts) * self._calibration.coefficients[1]), self._frequency, peak

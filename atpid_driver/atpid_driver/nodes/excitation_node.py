@@ -2,26 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The excitation node: commands in, the exciter's output out; a lifecycle node around one `ExcitationDrive`.
 
-configure opens the device (output off), activate lets commands switch it on, deactivate switches it off. In lockstep
-each estimate is answered by one state at its stamp; in real time states go out on the node's own period, and an output
-that gets no more commands ramps down. Where it is supervised there is output only while the supervisor permits motion.
+configure opens the device (output off), activate arms it, deactivate switches it off: so does every stop, and only
+arming and a command that is newer bring the output back. In lockstep each estimate is answered by one state at its
+stamp; in real time states go out on the node's own period, and an output that gets no more commands ramps down. Where
+it is supervised there is output only while the supervisor permits motion.
 """
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from math import nan
+from math import inf, nan
 from typing import Any
 
-from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState
+import numpy as np
+from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Header
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.messages import STATES, nanoseconds_of, time_of
+from atpid_common.nodes.messages import STATES, STATUS, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.real_time import LOOP_PRIORITY
@@ -31,7 +34,8 @@ from atpid_driver.calibration.convert import shipped_calibrations
 from atpid_driver.excitation import ExcitationSettings, drive_of
 from atpid_driver.excitation.drive import Output, OutputLostError
 from atpid_driver.excitation.hold import Hold
-from atpid_driver.excitation.signals import OFF, Command, CommandRefusedError
+from atpid_driver.excitation.limits import OFF, Command, CommandRefusedError
+from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
@@ -39,6 +43,11 @@ from atpid_driver.nodes.supervised_node import SupervisedNode
 TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
 LOOP_DELAY = 0.2
+#: An estimate that is older shows nothing about now [s]; a hold waits for one for so many periods at least.
+FRESH, PERIODS = 0.5, 5.0
+ON = (ExciterMode.RAMPING, ExciterMode.RUNNING)
+#: What of a command makes one decision differ from another: all but its stamp.
+DECIDED = ("sequence", "kind", "hold", "amplitude", "frequency", "end_frequency", "duration", "seed", "file")
 
 
 def command_of(message: ExcitationCommand) -> Command:
@@ -69,12 +78,16 @@ class ExcitationNode(SupervisedNode):
         except InputError:
             self.leave_graph()
             raise
-        self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction)
+        self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction,
+                          fixed_amplitude=self.settings.backend == "labjack_dac")  # fmt: skip
         self._command, self._fault, self._measured = OFF, "", (nan, nan)
         self._estimated = 0  # stamp of the last estimate acted on [ns]
+        # when there was a usable estimate, when one was due, and when the output was within its limits [ns]
+        self._measured_at = self._seen = self._within = 0
         self._output = Output(ExciterMode.UNCONFIGURED)
         self._open_topics(ExcitationCommand, ExcitationState, 1)
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
+        subscribe(self, SampleBlock, "excitation/signal", self._on_signal, STATUS)
         self._begin()
 
     def _configure(self) -> None:
@@ -88,11 +101,21 @@ class ExcitationNode(SupervisedNode):
             self._configure()  # the device was lost
         self._drive.enable()
         self._gate.armed(self._now())
-        self._active, self._fault = True, ""
+        self._active, self._fault, self._stopped = True, "", ""
+
+    def _rearm(self) -> str:
+        return "armed already"
+
+    @property
+    def _may_start(self) -> bool:
+        """One that starts is armed only after whoever commanded before has been heard: an old command is void."""
+        heard = not self.settings.supervised or time.monotonic() - self._duplicates.started > DISCOVERY_TIME
+        return heard and super()._may_start
 
     def _deactivate(self) -> None:
         """Switch the output off. One that does not confirm it is inactive all the same: nothing switches it on."""
         self._active, self._command = False, OFF
+        self._hold.reset()
         self._supervision.stale.cancel()
         try:
             self._drive.off()
@@ -102,17 +125,19 @@ class ExcitationNode(SupervisedNode):
 
     def _release(self) -> None:
         self._active = self._connected = False
+        self._command = OFF
         self._drive.close()
 
     def _on_command(self, message: ExcitationCommand, info: dict[str, int]) -> None:
         if self._is_foreign(message.amplitude, info):
             return
-        stamp = nanoseconds_of(message.header.stamp)
-        self._gate.receive(stamp, info)
+        decision = repr([getattr(message, name) for name in DECIDED])
+        self._gate.receive(nanoseconds_of(message.header.stamp), info, decision)
         try:
             command = command_of(message)
-            if self._active or command is not OFF:
+            if command is not OFF:
                 self._check_command(command.kind.name, info)
+            if self._active:
                 self._follow(command)
         except OutputLostError as error:
             self._lost(error)
@@ -126,39 +151,79 @@ class ExcitationNode(SupervisedNode):
                 self._supervision.stale.received(self.COMMANDS)
 
     def _follow(self, command: Command) -> None:
+        if repr(command) == repr(self._command):
+            return
         self._drive.follow(command)
-        if repr(command) != repr(self._command):
-            self._command = command
-            self._hold.reset()
-            kind = command.kind.name.lower()
-            of = "" if command is OFF else f" of {command.amplitude:g} at {command.frequency:g} Hz"
-            self._publish_event(Event.INFO, Event.MOVED, command.amplitude, f"excitation: {kind}{of}")
+        if not self._holds:  # an estimate is due once the output has risen
+            rise = self.settings.rise_time * command.amplitude / self.settings.highest_amplitude
+            self._seen = self._now() + round(1e9 * rise)
+        self._command = command
+        self._hold.reset()
+        kind = command.kind.name.lower()
+        of = "" if command is OFF else f" of {command.amplitude:g} at {command.frequency:g} Hz"
+        self._publish_event(Event.INFO, Event.MOVED, command.amplitude, f"excitation: {kind}{of}")
+
+    def _on_signal(self, block: SampleBlock) -> None:
+        """Keep a recorded signal, which a command names by its `device`."""
+        try:
+            self._drive.take(block.device, np.array(block.data), block.rate)
+        except DriverError as error:
+            self._publish_event(Event.WARNING, Event.REFUSED, nan, f"excitation/signal {block.device}: {error}")
 
     def _on_excitation(self, estimate: Excitation) -> None:
         """Take an estimate; in lockstep, answer it."""
         stamp = nanoseconds_of(estimate.header.stamp)
         if not estimate.handshake:
-            usable = estimate.quality in (Quality.STEADY, Quality.TRANSIENT)
-            self._measured = (estimate.amplitude, estimate.frequency) if usable else (nan, nan)
-            self._correct(estimate, stamp)
+            self._take(estimate, stamp)
         if self.settings.lockstep:
             self._stamp = stamp
             self._publish(self._turn())
 
-    def _correct(self, estimate: Excitation, stamp: int) -> None:
-        """Let the controller act on an estimate where the output is at a command that is to be held."""
+    def _take(self, estimate: Excitation, stamp: int) -> None:
+        """Take what is measured; let the controller act on it where the output is at a command that is to be held."""
         elapsed, self._estimated = (stamp - self._estimated) * 1e-9, stamp
-        if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not 0.0 < elapsed < 1.0:
+        age = 0.0 if self.settings.lockstep else (self.get_clock().now().nanoseconds - stamp) * 1e-9
+        usable = estimate.quality in (Quality.STEADY, Quality.TRANSIENT) and age < FRESH and elapsed > 0.0
+        self._measured = (estimate.amplitude, estimate.frequency) if usable else (nan, nan)
+        if usable:
+            self._measured_at, self._seen = self._now(), max(self._seen, self._now())
+        if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not elapsed < 1.0:
             return
-        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY)
+        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY,
+                        steady=estimate.quality == Quality.STEADY, limited=self._output.limited)  # fmt: skip
         amplitude, frequency = self._hold.factors
-        self._drive.correct(amplitude, frequency, waits=self._hold.waits)
+        try:
+            self._drive.correct(amplitude, frequency, waits=self._hold.waits)
+        except OutputLostError as error:
+            self._lost(error)
+
+    @property
+    def _holds(self) -> bool:
+        return self._command.hold and self._output.mode in ON
+
+    @property
+    def _fresh(self) -> bool:
+        """Whether the last usable estimate is of now."""
+        return self.settings.lockstep or (self._now() - self._measured_at) * 1e-9 < FRESH
 
     def _heed_permit(self) -> None:
         if self._active and not self._permit.granted and self._command is not OFF:
-            severity = Event.INFO if self._permit.ending else Event.ALARM
-            self._publish_event(severity, Event.SUPERVISION, nan, f"the excitation ramps down: {self._permit.reason}")
-            self._halt()
+            self._stop(self._permit.reason)
+
+    def _heed_output(self) -> None:
+        """Stop an output that has ended by itself, that nothing measures any more, or that is at its limits."""
+        output, now, settings = self._output, self._now(), self.settings
+        blind = max(settings.hold_timeout, PERIODS / output.commanded.frequency if output.commanded.frequency else inf)
+        saturated = output.mode in ON and (output.limited or self._hold.at_limit) and self._hold.misses
+        self._within = self._within if saturated else now
+        if not self._active:
+            return
+        if output.ended:
+            self._stop(output.ended)
+        elif self._holds and (now - self._seen) * 1e-9 > blind:
+            self._stop(f"hold: no usable estimate of the excitation for {blind:.3g} s")
+        elif (now - self._within) * 1e-9 > settings.saturation_time:
+            self._stop(f"hold: the output is at its limits for {settings.saturation_time:g} s and misses the command")
 
     def _each_period(self) -> None:
         self._heed_permit()
@@ -170,6 +235,8 @@ class ExcitationNode(SupervisedNode):
             self._output = self._drive.turn(self._now())
         except OutputLostError as error:
             self._lost(error)
+        else:
+            self._heed_output()
         return self._output
 
     def _lost(self, error: OutputLostError) -> None:
@@ -182,18 +249,19 @@ class ExcitationNode(SupervisedNode):
             self.trigger_deactivate()
 
     def _publish(self, output: Output) -> None:
-        amplitude, frequency = self._measured
+        amplitude, frequency = self._measured if self._fresh else (nan, nan)
         mode = ExciterMode.FAULT if self._fault else output.mode
         stamp = time_of(self._stamp) if self.settings.lockstep else self.get_clock().now().to_msg()
         self._states.publish(ExcitationState(
-            header=Header(stamp=stamp, frame_id=Frame.SUPPORT), mode=int(mode), fault=self._fault,
+            header=Header(stamp=stamp, frame_id=Frame.SUPPORT), mode=int(mode), fault=self._fault or self._stopped,
             kind=int(output.kind), sequence=output.sequence,
-            held=bool(self._command.hold and mode is ExciterMode.RUNNING and self._hold.held),
+            held=mode is ExciterMode.RUNNING and self._command.hold and self._fresh and self._hold.held,
             amplitude=output.amplitude, frequency=output.frequency, measured_amplitude=amplitude,
             measured_frequency=frequency, output=output.volts,
         ))  # fmt: skip
 
     def _halt(self) -> None:
+        self._gate.void()
         if self._active and self._command is not OFF:
             self._command = OFF
             self._drive.stop()

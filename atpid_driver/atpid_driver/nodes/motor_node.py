@@ -21,7 +21,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.task import Future
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
 from atpid_common.errors import BAD_INPUT, InputError
 from atpid_common.injected_faults import Injected
@@ -30,7 +29,7 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame, Mode
-from atpid_driver import DriverError, NotReadyError
+from atpid_driver import DriverError
 from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
@@ -73,7 +72,6 @@ class MotorNode(SupervisedNode):
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._open_topics(CeilingCommand, CeilingState, LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH)
         self._was_granted = self._permit.granted
-        self.create_service(Trigger, "~/rearm", self._on_rearm)
         self._begin()
         if not self._actuator.placed:
             self._plant_ceiling = PlantCeiling(self, self._place)
@@ -128,7 +126,7 @@ class MotorNode(SupervisedNode):
             self._actuator = self._injection.begin(self._actuator, self._now())
             period = (self._stamp - before) * 1e-9 if before else 0.0
             self._supervision.stale.received(self.COMMANDS, self._stamp, period)
-            self._gate.receive(self._stamp, info)
+            self._gate.receive(self._stamp, info, object())  # each answers a sample of its own
             self._move(command, info)
         reading = self._read()
         prepared = self._initial is None and self._known_motion.passed
@@ -263,18 +261,10 @@ class MotorNode(SupervisedNode):
             self._gate.status(),
         ]
 
-    def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear latched faults whose cause is gone, arm and home; only on request of a person."""
-        try:
-            if not self._active:
-                raise NotReadyError(f"the motor node is {self._state_and_remedy()}")
-            self._check_permitted()
-            self._arm()
-        except DriverError as error:
-            response.success, response.message = False, str(error)
-        else:
-            response.success, response.message = True, "armed; homing if its height is lost"
-        return response
+    def _rearm(self) -> str:
+        """Clear latched faults whose cause is gone, arm and home."""
+        self._arm()
+        return "armed; homing if its height is lost"
 
 
 main = partial(run_node, MotorNode, priority=LOOP_PRIORITY)

@@ -45,11 +45,13 @@ class SupervisedNode(DeviceNode):
     _statuses: Callable[[], list[DiagnosticStatus]]
     _halt: Callable[[], None]  # ends what moves; the next command moves it again
     _off: Callable[[], None]  # switches the device off and confirms it
+    _rearm: Callable[[], str]  # arms an active one again; returns in words what it does then
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         """Begin."""
         super().__init__(name, **kwargs)
         self._connected = self._active = False
+        self._stopped = ""  # why it is off until a person arms it; empty: it is not
         self._stamp = 0  # of the last message that is answered, in lockstep the time [ns]
         self._duplicates = DuplicateNodes(self)
         self._events = EventPublisher(self)
@@ -97,6 +99,7 @@ class SupervisedNode(DeviceNode):
         if not self._active:
             raise NotReadyError(f"{what} refused: the {self.DEVICE} node is {self._state_and_remedy()}")
         if not self._permit.granted:
+            self._gate.void()  # it does not wait until motion is permitted again
             raise NotReadyError(f"{what} not taken up: {self._permit.reason}")
         self._gate.check_fresh(info, self._now())
 
@@ -112,6 +115,7 @@ class SupervisedNode(DeviceNode):
     def _begin(self) -> None:
         """Look for duplicates and offer the stop from now on; start where no lifecycle manager does."""
         self.create_service(Trigger, "~/stop", self._on_stop)
+        self.create_service(Trigger, "~/rearm", self._on_rearm)
         self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
@@ -121,12 +125,16 @@ class SupervisedNode(DeviceNode):
         assert self._starter is not None
         if not self._connected:
             self.trigger_configure()
-        if self._connected and not self._duplicates.inhibits_motion and self._permit.granted:
+        if self._connected and self._may_start:
             self._end_starting()
             self.trigger_activate()
         else:
             waiting = self._connected and not self._duplicates.inhibits_motion
             self._starter.timer_period_ns = int((PERMIT_RETRY if waiting else RETRY) * 1e9)
+
+    @property
+    def _may_start(self) -> bool:
+        return not self._duplicates.inhibits_motion and self._permit.granted
 
     def _check_duplicates(self) -> None:
         if (found := self._duplicates.check()) is None:
@@ -146,8 +154,10 @@ class SupervisedNode(DeviceNode):
         """Switch the device off, once; it stays off until the node is activated again."""
         self._end_starting()
         if self._active:
+            self._stopped = f"{reason}; {self.get_name()}/rearm arms it again"
             self.trigger_deactivate()
-            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"{self.DEVICE} switched off: {reason}")
+            severity = Event.INFO if self._permit.ending else Event.ALARM
+            self._publish_event(severity, Event.STOPPED, nan, f"{self.DEVICE} switched off: {reason}")
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop at once on request of the operator: the answer is the device's own state."""
@@ -158,9 +168,29 @@ class SupervisedNode(DeviceNode):
         except DriverError as error:
             response.success, response.message = False, str(error)
         else:
-            again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
+            first = "supervisor_node/rearm" if self.DEVICE == "motor" and self._permit.supervised else None
+            again = first or f"{self.get_name()}/rearm"
             response.success, response.message = True, f"{self.DEVICE} off; {again} arms it again"
         return response
+
+    def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Arm it, whatever has stopped it, where the cause is gone; only on request of a person."""
+        try:
+            self._check_permitted()
+            response.success, response.message = True, self._rearm() if self._active else self._armed_from_off()
+        except DriverError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _armed_from_off(self) -> str:
+        """Configure the node where that is needed, and activate it. Raises NotReadyError with the reason why not."""
+        label = str(self._state_machine.current_state[1])
+        steps = {"unconfigured": (self.trigger_configure, self.trigger_activate), "inactive": (self.trigger_activate,)}
+        for step in steps.get(label, ()):
+            step()
+        if not self._active:
+            raise NotReadyError(self._last_error or f"the {self.DEVICE} node is {self._state_and_remedy()}")
+        return "armed"
 
     def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
         stamp = time_of(self._stamp) if self.settings.lockstep else None

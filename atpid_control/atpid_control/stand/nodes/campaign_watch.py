@@ -27,6 +27,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, STATUS, STEADY
@@ -92,6 +93,15 @@ class CampaignWatch(BenchWatch):
             request = ChangeState.Request(transition=Transition(id=transition))
             if not _answered(client.service_is_ready, partial(client.call_async, request), name).success:
                 raise BenchError(f"{name} cannot be started: see its log")
+
+    def arm(self) -> str:
+        """Arm motor and exciter. Return why one is not armed, one line; empty: both are. Raises BenchError."""
+        for name in ("supervisor_node", "excitation_node"):
+            client = self.create_client(Trigger, f"{name}/rearm")
+            answer = _answered(client.service_is_ready, partial(client.call_async, Trigger.Request()), name)
+            if not answer.success:
+                return str(answer.message)
+        return ""
 
     def _take(self, name: str, message: Any) -> None:
         if name:

@@ -3,20 +3,26 @@
 """`atpid excite SCENE`: command the exciter of nodes that run already, until Ctrl-C."""
 
 import argparse
+import hashlib
 import math
 import time
+from pathlib import Path
 
-from atpid_interfaces.msg import ExcitationCommand, ExcitationState
+from atpid_interfaces.msg import ExcitationCommand, ExcitationState, SampleBlock
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.task import Future
 
 from atpid_common.arguments import file_path, graph_name, positive
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
-from atpid_common.nodes.messages import STATES
+from atpid_common.nodes.messages import STATES, STATUS, doubles
 from atpid_common.nodes.node_main import TURN, command_node
 from atpid_common.vocabulary import ExciterMode, Frame
+from atpid_driver.excitation.recorded import read_recorded
 from atpid_sim.scene import Scene, load_scene
 
 #: Between two commands; how long the excitation node may take to be found [s].
@@ -35,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--frequency", type=positive("Hz"), metavar="HZ", help="default: the scene's")
     add("--sweep", type=positive("Hz"), metavar="HZ", help="go to this frequency within --duration, and stay there")
     add("--duration", type=positive("s"), default=120.0, metavar="S", help="of a sweep; default: %(default)g s")
+    add("--recorded", type=file_path, metavar="FILE", help="two columns, time [s] and value; peak --amplitude")
     add("--hold", action="store_true", help="hold amplitude and frequency on the identified excitation")
     add("--namespace", type=graph_name, metavar="NAME", help="of the nodes; default: none")
 
@@ -42,20 +49,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 class Exciter(Node):
     """Publishes the command again and again, and prints what becomes of it."""
 
-    def __init__(self, command: ExcitationCommand, namespace: str) -> None:
-        """Begin."""
+    def __init__(self, command: ExcitationCommand, signal: SampleBlock | None, namespace: str) -> None:
+        """Begin; signal: of a recorded command."""
         super().__init__("excite", namespace=namespace)
-        self._command, self._mode = command, -1
+        self._command, self._shown = command, (-1, "")
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", 10)
         subscribe(self, ExcitationState, "excitation/state", self._on_state, STATES)
+        self._signals = self.create_publisher(SampleBlock, "excitation/signal", STATUS)
+        if signal is not None:
+            signal.header.stamp = self.get_clock().now().to_msg()
+            self._signals.publish(signal)
+        self._lifecycle = self.create_client(GetState, "excitation_node/get_state")
+        self._asked: Future | None = None
         self.create_timer(EVERY, self.send)
-        self.found = False
+        self.found = self.armed = False
 
     def send(self) -> None:
-        """Publish the command now."""
+        """Publish the command now, once the exciter is armed: an older one would be void."""
+        if not self.armed:
+            self._ask()
+            return
         header = self._command.header
         header.stamp, header.frame_id = self.get_clock().now().to_msg(), Frame.SUPPORT
         self._commands.publish(self._command)
+
+    def _ask(self) -> None:
+        if self._asked is None and self._lifecycle.service_is_ready():
+            self._asked = self._lifecycle.call_async(GetState.Request())
+        elif self._asked is not None and self._asked.done():
+            self.armed = self._asked.result().current_state.id == State.PRIMARY_STATE_ACTIVE
+            self._asked = None
 
     def end(self) -> None:
         """Command no output, and wait until it has been received."""
@@ -65,8 +88,8 @@ class Exciter(Node):
 
     def _on_state(self, state: ExcitationState) -> None:
         self.found = True
-        if state.mode != self._mode:
-            self._mode = state.mode
+        if (state.mode, state.fault) != self._shown:
+            self._shown = state.mode, state.fault
             text = f"{ExciterMode(state.mode).name.lower()}: {state.amplitude:.4g} at {state.frequency:.4f} Hz"
             print(f"{text}{f'; {state.fault}' if state.fault else ''}", flush=True)
 
@@ -76,21 +99,35 @@ def command_of(args: argparse.Namespace, scene: Scene) -> ExcitationCommand:
     amplitude = args.amplitude or scene.excitation.largest_amplitude
     if not 0.0 < amplitude < math.inf:
         raise InputError("--amplitude: given none, and the scene has none; give one")
+    tone = ExcitationCommand.SWEEP if args.sweep else ExcitationCommand.SINE
     return ExcitationCommand(
-        kind=ExcitationCommand.SWEEP if args.sweep else ExcitationCommand.SINE, hold=args.hold, amplitude=amplitude,
+        kind=ExcitationCommand.RECORDED if args.recorded else tone, hold=args.hold, amplitude=amplitude,
         frequency=args.frequency or scene.frequency_hz, end_frequency=args.sweep or math.nan,
         duration=args.duration if args.sweep else math.nan, sequence=int(time.time()) % 2**31,
     )  # fmt: skip
 
 
+def signal_of(path: Path, drive: str, unit: str) -> SampleBlock:
+    """Return the samples of a recorded signal, peak 1, named by its file and what is in it. Raises FileError."""
+    rate, values = read_recorded(path)
+    name = f"{path.name} sha256:{hashlib.sha256(values.tobytes()).hexdigest()[:16]}"
+    return SampleBlock(device=name, rate=rate, channels=[drive], units=[unit], skew=[0.0], data=doubles(values))
+
+
 def run(args: argparse.Namespace) -> int:
-    """Command until Ctrl-C; return 0. Raises InputError where no excitation node is found."""
-    command, begin = command_of(args, load_scene(args.scene)), time.monotonic()
-    with Interrupt() as interrupt, command_node(lambda: Exciter(command, args.namespace or "")) as (node, executor):
+    """Command until Ctrl-C; return 0. Raises InputError where no excitation node is found, or none that is armed."""
+    scene, namespace = load_scene(args.scene), args.namespace or ""
+    command, begin = command_of(args, scene), time.monotonic()
+    signal = signal_of(args.recorded, scene.driven_by.channel, scene.driven_by.unit) if args.recorded else None
+    command.file = signal.device if signal else ""
+    with Interrupt() as interrupt, command_node(lambda: Exciter(command, signal, namespace)) as (node, executor):
         interrupt.defer()
-        while not interrupt.received and (node.found or time.monotonic() - begin < FOUND):
+        while not interrupt.received and (node.armed or time.monotonic() - begin < FOUND):
             executor.spin_once(timeout_sec=TURN)
-        node.end()
-        if node.found or interrupt.received:
+        if node.armed:
+            node.end()
+        if node.armed or interrupt.received:
             return DONE
+    if node.found:
+        raise InputError("excitation_node is not armed; call excitation_node/rearm, then give this command again")
     raise InputError(f"no excitation_node within {FOUND:g} s; is it running, in this ROS_DOMAIN_ID?")

@@ -20,9 +20,9 @@ class _Request(BaseModel):
 
 
 class Plain(_Request):
-    """Stop: motor off, latched. Disarm: motor off. Arm: clear a stop and arm, homing where needed."""
+    """Stop: all off, latched. Disarm: motor off. Arm: clear a stop and arm the motor, homing where needed."""
 
-    do: Literal["stop", "disarm", "arm"]
+    do: Literal["stop", "disarm", "arm", "arm_exciter"]
 
 
 class HoldRequest(_Request):

@@ -16,7 +16,7 @@
 enum {
     NOT_OPEN = 1224, NOT_FOUND = 1227, RECONNECT_FAILED = 1239, INVALID_ADDRESS = 1250, INVALID_NAME = 1294,
     BUFFER_FULL = 1301, NOT_RUNNING = 1303, SYNCHRONISATION = 1306, NO_SCANS = 1309,
-    STREAM_ACTIVE = 2605, CONFIG_INVALID = 2606, SCAN_OVERLAP = 2942,
+    STREAM_ACTIVE = 2605, CONFIG_INVALID = 2606, NO_BUFFER = 2617, SCAN_OVERLAP = 2942,
 };
 #define T7 7
 #define USB 1
@@ -33,6 +33,7 @@ typedef struct {
 } Device;
 
 #define STREAM_OUT0 4800
+#define SET_DEFAULT_TO_CURRENT 49002
 
 static Device devices[HANDLES];
 static struct { char name[48]; double value; } registers[REGISTERS];
@@ -47,9 +48,29 @@ static int present(const Device *device) {
     return control->plugged && control->unplugs == device->identity.unplugs;
 }
 
-/* Any call sets the device's watchdog back. */
+static void feed(Output *output) {
+    output->booted = 0;
+    __atomic_store_n(&output->fed_ns, now_ns(), __ATOMIC_RELEASE);
+}
+
+/* What the watchdog has done since the call before: outputs.py shows it from the instant on at which it acts. */
+static void catch_up(Output *output) {
+    uint32_t period = output->booted ? output->watchdog_startup_s : output->watchdog_s;
+    if (!output->watchdog || (double)(now_ns() - output->fed_ns) * 1e-9 <= period) return;
+    for (int i = 0; i < STANDIN_OUTPUTS; i++) {
+        if (output->watchdog_resets) output->volts[i] = output->power_up[i];
+        else if (output->watchdog_sets[i]) output->volts[i] = output->watchdog_volts[i];
+    }
+    if (output->watchdog_resets) output->streams = 0, output->rate = 0.0;
+    output->booted = output->watchdog_resets;
+    output->fed_ns = now_ns();
+}
+
+/* Any call feeds the device's watchdog, unless that is strict. */
 static void contact(const Device *device) {
-    if (device->output != NULL) __atomic_store_n(&device->output->contact_ns, now_ns(), __ATOMIC_RELEASE);
+    if (device->output == NULL) return;
+    catch_up(device->output);
+    if (!device->output->watchdog_strict) feed(device->output);
 }
 
 static double register_value(const char *name, double fallback) {
@@ -67,6 +88,8 @@ static int address_of(const char *name) {
         {"STREAM_TRIGGER_INDEX", 4024}, {"SERIAL_NUMBER", 60028}, {"FIRMWARE_VERSION", 60004},
         {"PRODUCT_ID", 60000}, {"STREAM_ENABLE", 4990}, {"DAC0", 1000}, {"DAC1", 1002},
         {"WATCHDOG_ENABLE_DEFAULT", 61600}, {"WATCHDOG_TIMEOUT_S_DEFAULT", 61604},
+        {"WATCHDOG_STARTUP_DELAY_S_DEFAULT", 61606}, {"WATCHDOG_STRICT_ENABLE_DEFAULT", 61610},
+        {"WATCHDOG_STRICT_KEY_DEFAULT", 61612}, {"WATCHDOG_STRICT_CLEAR", 61614},
         {"WATCHDOG_RESET_ENABLE_DEFAULT", 61620}, {"WATCHDOG_DAC0_ENABLE_DEFAULT", 61640},
         {"WATCHDOG_DAC0_DEFAULT", 61642}, {"WATCHDOG_DAC1_ENABLE_DEFAULT", 61650}, {"WATCHDOG_DAC1_DEFAULT", 61652},
     };
@@ -92,12 +115,17 @@ static int output_register(Output *output, const char *name, double *value, int 
     if (strcmp(name, "DAC0") == 0 || strcmp(name, "DAC1") == 0) volts = &output->volts[which];
     else if (strcmp(name, "WATCHDOG_ENABLE_DEFAULT") == 0) number = &output->watchdog;
     else if (strcmp(name, "WATCHDOG_TIMEOUT_S_DEFAULT") == 0) number = &output->watchdog_s;
+    else if (strcmp(name, "WATCHDOG_STARTUP_DELAY_S_DEFAULT") == 0) number = &output->watchdog_startup_s;
+    else if (strcmp(name, "WATCHDOG_STRICT_ENABLE_DEFAULT") == 0) number = &output->watchdog_strict;
+    else if (strcmp(name, "WATCHDOG_STRICT_KEY_DEFAULT") == 0) number = &output->watchdog_key;
     else if (strcmp(name, "WATCHDOG_RESET_ENABLE_DEFAULT") == 0) number = &output->watchdog_resets;
     else if (strncmp(name, "WATCHDOG_DAC", 12) != 0) return 0;
     else if (strstr(name, "_ENABLE_") != NULL) number = &output->watchdog_sets[which];
     else volts = &output->watchdog_volts[which];
-    if (volts != NULL && write) *volts = *value < 0.0 ? 0.0 : *value > 5.0 ? 5.0 : *value;
+    if (volts != NULL && write) *volts = *value < 0.0 ? 0.0 : *value > 5.0 ? 5.0 : (double)(float)*value;
     if (number != NULL && write) *number = (uint32_t)*value;
+    if (write && strstr(name, "_DEFAULT") != NULL) output->flash++;
+    if (write && number == &output->watchdog) feed(output);
     if (!write) *value = volts != NULL ? *volts : (double)*number;
     return 1;
 }
@@ -168,6 +196,11 @@ int LJM_GetHandleInfo(int handle, int *type, int *connection, int *serial, int *
     return 0;
 }
 
+/* Registers of the watchdog that cannot be written while it runs; a real device's error code is not known. */
+static int refused(const Output *output, const char *name) {
+    return output != NULL && output->watchdog && strncmp(name, "WATCHDOG_", 9) == 0 && strcmp(name, "WATCHDOG_ENABLE_DEFAULT") != 0;
+}
+
 int LJM_eWriteName(int handle, const char *name, double value) {
     Device *device = device_of(handle);
     if (device == NULL) return NOT_OPEN;
@@ -175,6 +208,11 @@ int LJM_eWriteName(int handle, const char *name, double value) {
     if (address_of(name) < 0) return INVALID_NAME;
     contact(device);
     if (device->streaming && strncmp(name, "STREAM_", 7) == 0) return STREAM_ACTIVE;
+    if (device->output != NULL && strcmp(name, "WATCHDOG_STRICT_CLEAR") == 0) {
+        if (!device->output->watchdog_strict || value == device->output->watchdog_key) feed(device->output);
+        return 0;
+    }
+    if (refused(device->output, name)) return INVALID_ADDRESS;
     if (output_register(device->output, name, &value, 1)) return 0;
     for (int i = 0; i < REGISTERS; i++) {
         if (registers[i].name[0] != 0 && strcmp(registers[i].name, name) != 0) continue;
@@ -193,6 +231,19 @@ int LJM_eWriteNames(int handle, int count, const char *const *names, const doubl
             return error;
         }
     }
+    return 0;
+}
+
+/* Saves the voltages at power-up; no other register is written by its address. */
+int LJM_eWriteAddress(int handle, int address, int type, double value) {
+    const Device *device = device_of(handle);
+    (void)type;
+    if (device == NULL) return NOT_OPEN;
+    if (!present(device)) return RECONNECT_FAILED;
+    if (device->output == NULL || address != SET_DEFAULT_TO_CURRENT || value != 1.0) return INVALID_ADDRESS;
+    contact(device);
+    memcpy(device->output->power_up, device->output->volts, sizeof device->output->volts);
+    device->output->flash++;
     return 0;
 }
 
@@ -258,9 +309,10 @@ int LJM_WriteAperiodicStreamOut(int handle, int index, int count, const double *
     if (device == NULL) return NOT_OPEN;
     if (!present(device)) return RECONNECT_FAILED;
     if (device->output == NULL || index != 0) return INVALID_ADDRESS;
+    contact(device);
+    if (device->output->rate == 0.0) return NO_BUFFER; /* not since the device has restarted */
     output_write(device->output, volts, count);
     *room = STANDIN_QUEUE - count;
-    contact(device);
     return 0;
 }
 
@@ -328,11 +380,11 @@ int LJM_eStreamRead(int handle, double *data, int *device_backlog, int *host_bac
 int LJM_eStreamStop(int handle) {
     Device *device = device_of(handle);
     if (device == NULL) return NOT_OPEN;
+    contact(device);
     int streams_out = device->output != NULL && device->output->streams; /* also that of a process that was killed */
     if (!device->streaming && !streams_out) return NOT_RUNNING;
     device->streaming = 0;
     if (streams_out) device->output->streams = 0;
-    contact(device);
     return 0;
 }
 
@@ -349,7 +401,7 @@ void LJM_ErrorToString(int code, char *text) {
         {INVALID_NAME, "LJME_INVALID_NAME"}, {BUFFER_FULL, "LJME_LJM_BUFFER_FULL"},
         {NOT_RUNNING, "LJME_STREAM_NOT_RUNNING"}, {SYNCHRONISATION, "LJME_SYNCHRONIZATION_TIMEOUT"},
         {NO_SCANS, "LJME_NO_SCANS_RETURNED"}, {STREAM_ACTIVE, "STREAM_IS_ACTIVE"},
-        {CONFIG_INVALID, "STREAM_CONFIG_INVALID"}, {SCAN_OVERLAP, "STREAM_SCAN_OVERLAP"},
+        {CONFIG_INVALID, "STREAM_CONFIG_INVALID"}, {NO_BUFFER, "STREAM_OUT_BUFF_DNE"}, {SCAN_OVERLAP, "STREAM_SCAN_OVERLAP"},
     };
     for (size_t i = 0; i < sizeof NAMES / sizeof NAMES[0]; i++) {
         if (NAMES[i].code == code) {

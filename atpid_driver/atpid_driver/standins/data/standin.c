@@ -75,7 +75,7 @@ Output *output_open(const char *variable) {
                        ? MAP_FAILED : mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     close(fd);
     if (memory == MAP_FAILED) return NULL;
-    if (memcmp(memory, "ATPIDOU1", 8) == 0) return memory;
+    if (memcmp(memory, "ATPIDOU2", 8) == 0) return memory;
     munmap(memory, size);
     return NULL;
 }

@@ -71,11 +71,16 @@ typedef struct {
 
 /* What a device puts out, written by the library and read by outputs.py, which acts its watchdog: see there. */
 typedef struct {
-    char magic[8]; /* "ATPIDOU1" */
-    uint32_t watchdog, watchdog_s, watchdog_resets, streams, target, unused;
+    char magic[8]; /* "ATPIDOU2" */
+    /* in flash: the watchdog's registers, and the voltages at power-up */
+    uint32_t watchdog, watchdog_s, watchdog_startup_s, watchdog_strict, watchdog_key, watchdog_resets;
     uint32_t watchdog_sets[STANDIN_OUTPUTS];
-    double watchdog_volts[STANDIN_OUTPUTS], volts[STANDIN_OUTPUTS];
-    int64_t contact_ns; /* of the last call, by the monotonic clock */
+    double watchdog_volts[STANDIN_OUTPUTS], power_up[STANDIN_OUTPUTS];
+    uint32_t flash;  /* times that something was written there */
+    uint32_t booted; /* by the watchdog, which has not been fed since */
+    uint32_t streams, target;
+    double volts[STANDIN_OUTPUTS];
+    int64_t fed_ns; /* when the watchdog was fed, by the monotonic clock */
     double rate;        /* of the streamed samples */
     int64_t start_ns;   /* of the stream */
     uint64_t written;   /* samples so far, stored after the data, which begin at byte 4096 */

@@ -202,7 +202,9 @@ function lost(state) {
 }
 
 function nodes(found) {
-  const list = find("nodes");
+  const list = find("nodes"), excited = found.some((node) => node.name === "excitation_node");
+  find("arm-exciter").hidden = !excited;
+  find("stop").textContent = excited ? "Stop motor and exciter" : "Stop the motor";
   while (list.children.length > found.length) list.lastChild.remove();
   found.forEach((node, place) => {
     const item = list.children[place] ?? list.appendChild(document.createElement("li"));
@@ -261,16 +263,21 @@ find("hold").onclick = () => ask({ do: "hold", on: live.state?.command.reason !=
 find("choose").onsubmit = (event) => { event.preventDefault(); ask({ do: "method", name: find("method").value }); };
 find("mark").onsubmit = (event) => { event.preventDefault(); ask({ do: "note", text: find("note").value }); find("note").value = ""; };
 
-// Arming moves the ceiling: it takes a second press.
-let sure = 0;
-find("arm").onclick = () => {
-  const button = find("arm"), again = performance.now() < sure;
-  sure = again ? 0 : performance.now() + SURE;
-  button.classList.toggle("sure", !again);
-  button.textContent = again ? "Arm again" : "Press once more: the ceiling may move";
-  if (again) ask({ do: "arm" });
-  else setTimeout(() => { if (performance.now() >= sure) { button.textContent = "Arm again"; button.classList.remove("sure"); } }, SURE + 50);
-};
+// Arming lets a drive move, that drive alone: it takes a second press.
+function arming(id, request, question) {
+  const button = find(id), words = button.textContent;
+  let sure = 0;
+  const offer = (on) => { button.classList.toggle("sure", on); button.textContent = on ? question : words; };
+  button.onclick = () => {
+    const again = performance.now() < sure;
+    sure = again ? 0 : performance.now() + SURE;
+    offer(!again);
+    if (again) ask({ do: request });
+    else setTimeout(() => { if (performance.now() >= sure) offer(false); }, SURE + 50);
+  };
+}
+arming("arm", "arm", "Press once more: the ceiling may move");
+arming("arm-exciter", "arm_exciter", "Press once more: a new command may shake the support");
 
 matchMedia("(prefers-color-scheme: dark)").onchange = () => location.reload(); // the pictures take their colours once
 
