@@ -62,6 +62,7 @@ def campaign_file(folder: Path, **changes: Any) -> Path:
         ({"rules": {"settle_limit": 0.0}}, "settle_limit"),
         ({"colour": "red"}, "allowed: scene, stand, "),
         ({"order_": "random"}, "did you mean order?"),
+        ({"foo": 1}, "foo: unknown key; allowed: scene, stand, "),
         ({"scene": str(ROOT / "scenes/standard.yaml")}, "one a controller moves"),
     ],
 )

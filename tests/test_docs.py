@@ -278,6 +278,7 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-inst
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
     "campaign.yaml", "model.yaml", "index.html", "index.json", "index.csv", "comparison.json", "point.json",
+    "campaign.json", "digests.json",
     "my_beam.yaml", "amplitude.png", "my_map.npz", "height_map.png", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",

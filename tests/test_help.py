@@ -117,5 +117,6 @@ def test_a_mistyped_word_is_named_with_the_nearest(
 
 def test_a_word_like_none_has_no_hint() -> None:
     assert did_you_mean("zzz", ["lookup", "pca"]) == ""
+    assert did_you_mean("foo", ["motor", "drift"]) == ""
     assert did_you_mean("looukp", ["lookup", "pca"]) == "; did you mean lookup?"
     assert did_you_mean("lookup", []) == ""

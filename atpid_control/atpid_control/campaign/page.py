@@ -104,6 +104,7 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
     figures = dict(_figures(rows, unit))
     skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
                if one["status"] == SKIPPED]  # fmt: skip
+    damaged = [f"point {number}: left out, damaged: {wrong}" for number, wrong in folder.damaged.items()]
     code = json.dumps(finite(figures), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     script = files("atpid_control.views.report").joinpath("data", "page.js").read_text(encoding="utf-8")
     about = {
@@ -118,7 +119,7 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
     return document("A stand over many points", [
         "<header><h1>A stand over many points</h1><p>Marks: measured. Lines: simulation of the same points. Bars: "
         "one standard deviation. A click on a mark, or a link in the table, leads to the point's report.</p>"
-        "</header>", facts(about), warnings(skipped), *charts,
+        "</header>", facts(about), warnings(skipped + damaged), *charts,
         '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
         "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
         table("Every point", ("point", f"excitation [{unit}]", *_HEADS), (_row(row, unit) for row in rows)),

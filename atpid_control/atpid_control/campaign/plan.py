@@ -204,9 +204,12 @@ def read_campaign(path: Path) -> tuple[Campaign, Scene]:
 
 
 def campaign_in(plan: Mapping[str, Any], folder: Path) -> tuple[Campaign, Scene]:
-    """Return the campaign and the scene that the plan in a folder keeps."""
-    campaign = Campaign.model_validate({**plan["campaign"], "scene": folder})
-    return campaign, scene_from_mapping(plan["scene"], source=f"the scene in {folder}", folder=folder)
+    """Return the campaign and the scene that the plan in a folder keeps. Raises CampaignError, SceneError."""
+    try:
+        campaign = Campaign.model_validate({**plan["campaign"], "scene": folder})
+        return campaign, scene_from_mapping(plan["scene"], source=f"the scene in {folder}", folder=folder)
+    except (KeyError, TypeError, ValidationError):
+        raise CampaignError(f"{folder}: its plan is damaged, or of another version; give another folder") from None
 
 
 def points_of(campaign: Campaign, scene: Scene) -> list[Point]:

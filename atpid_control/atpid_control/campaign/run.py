@@ -76,6 +76,7 @@ def run_campaign(
             _measure(campaign, scene, stand, folder, point)
             folder.write_index()
             progress(len(present) + done)
+    folder.check()
     folder.write_index()
     return summary(campaign, scene, folder)
 

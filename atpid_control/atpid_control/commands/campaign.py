@@ -97,6 +97,7 @@ def _model(args: argparse.Namespace) -> int:
 
     folder, out = CampaignFolder(args.folder.resolve()), output.folder(args.out)
     campaign, scene = campaign_in(folder.plan(), folder.path)
+    folder.check()
     with working("reading the points"):
         model = model_of(campaign, scene, folder, args.moving_mass)
     with output.writing(out):

@@ -115,6 +115,7 @@ class ExcitationNode(SupervisedNode):
     def _deactivate(self) -> None:
         """Switch the output off. One that does not confirm it is inactive all the same: nothing switches it on."""
         self._active, self._command = False, OFF
+        self._stopped = self._stopped or f"deactivated; {self.get_name()}/rearm arms it again"
         self._hold.reset()
         self._supervision.stale.cancel()
         try:

@@ -12,8 +12,8 @@ DONE, BROKEN_PIPE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 1, 2, 3, 130
 
 #: Longest text of an error: what was given may be a whole file.
 _LONGEST = 2000
-#: Least similarity of two words [-]: below it a hint misleads (`difflib.get_close_matches`).
-_LEAST = 0.5
+#: Least similarity of two words [-]: below it a hint misleads, as from "foo" to "motor" (`difflib.get_close_matches`).
+_LEAST = 0.6
 
 
 def one_line(text: str) -> str:

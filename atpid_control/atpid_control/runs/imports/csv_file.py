@@ -180,11 +180,12 @@ def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[
 
     with pd.read_csv(
         path, sep=r"\s+" if layout.separator == " " else layout.separator, decimal=layout.decimal, header=None,
-        skiprows=layout.first, usecols=places, names=range(len(layout.names)), index_col=False, chunksize=PIECE,
+        skiprows=layout.first, usecols=places, names=range(len(layout.names)), index_col=False,
         encoding=encoding, **_EXACT, low_memory=False, skipinitialspace=True, encoding_errors="replace",
+        chunksize=min(PIECE, 1 + 64 * PIECE // len(places)),
     ) as chunks:  # fmt: skip
         pieces = (np.column_stack([numbers(place, chunk[place]) for place in places]) for chunk in chunks)
-        table = mapped(given, pieces).reshape(-1, len(places))
+        table = mapped(path, given, pieces).reshape(-1, len(places))
     given.notes += [f"{path.name}: {layout.names[place]}: {count} cells are no numbers, NaN: the first {first[place]}"
                     for place, count in wrong.items()]  # fmt: skip
     return {layout.names[place]: (layout.units[place], table[:, n]) for n, place in enumerate(places)}, start_ns

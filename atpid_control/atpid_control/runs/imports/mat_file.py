@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.imports.series import PIECE, RATES, STEPS, Given, Series, mapped, timed
+from atpid_control.runs.imports.series import PIECE, RATES, STEPS, Given, Series, bounded, mapped, timed
 from atpid_control.runs.read import within_memory
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -32,6 +32,10 @@ def read(path: Path, given: Given) -> list[Series]:
         import h5py
 
         with h5py.File(path, "r") as file:
+            sets: list[Any] = []
+            file.visititems(lambda _, item: sets.append(item) if hasattr(item, "chunks") else None)
+            # of a chunk, which is unpacked whole, more may be stated than of its set
+            bounded(path, sum(max(one.size or 0, np.prod(one.chunks or (), dtype=float)) for one in sets))
             tree = {name: item for name, item in file.items() if not name.startswith("#")}
             found = _tables(path, "", tree, given, None)
     else:
@@ -46,6 +50,8 @@ def _loaded(path: Path) -> dict[str, Any]:
     """Return the variables of a file of version 5, read by a process of its own, which scipy ends for some damage."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         try:
+            stated = pool.submit(whosmat, path).result()
+            bounded(path, sum(np.prod(shape, dtype=float) for _, shape, kind in stated if kind != "sparse"))
             whole = pool.submit(loadmat, path, simplify_cells=True).result()
         except BrokenProcessPool:
             raise BagError(f"{path}: cannot be read as MATLAB 5, it is damaged; save it anew") from None
@@ -65,7 +71,7 @@ def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate:
         elif np.size(item) == 1:
             scalars[name.lower()] = float(np.asarray(item).item())
         else:
-            columns |= {key: (_text(units.get(key, "")), values) for key, values in _columns(name, item, given)}
+            columns |= {key: (_text(units.get(key, "")), values) for key, values in _columns(path, name, item, given)}
     rate = next((scalars[name] for name in RATES if scalars.get(name, 0.0) > 0.0), rate)
     rate = next((1.0 / scalars[name] for name in STEPS if scalars.get(name, 0.0) > 0.0), rate)
     found: list[Series] = []
@@ -85,7 +91,7 @@ def _unusable(item: Any) -> str:
     """Return what an item is that has no numbers of at most two dimensions, else nothing."""
     if isinstance(item, str | bytes) or getattr(item, "attrs", {}).get("MATLAB_class", b"") == b"char":
         return "a text"
-    kind, shape = np.dtype(getattr(item, "dtype", np.asarray(item).dtype)).kind, np.shape(item)
+    kind, shape = (item if hasattr(item, "dtype") else np.asarray(item)).dtype.kind, np.shape(item)
     if kind not in "fiu":
         return "logical" if kind == "b" else "no real numbers"
     if 0 in shape:
@@ -93,13 +99,13 @@ def _unusable(item: Any) -> str:
     return "" if len(shape) <= 2 or np.size(item) == 1 else "no table of two dimensions"
 
 
-def _columns(name: str, item: Any, given: Given) -> Iterator[tuple[str, Any]]:
+def _columns(path: Path, name: str, item: Any, given: Given) -> Iterator[tuple[str, Any]]:
     """Yield the columns of a vector or matrix: samples go along the longer side. Those of HDF5 are kept in files."""
     shape = np.shape(item)
     across = len(shape) > 1 and shape[0] < shape[1]  # of HDF5, which has the transpose of MATLAB's, as a rule
     if not isinstance(item, np.ndarray):
         parts = (slice(begin, begin + PIECE) for begin in range(0, max(shape), PIECE))
-        table = mapped(given, (item[:, part].T if across else item[part] for part in parts))
+        table = mapped(path, given, (item[:, part].T if across else item[part] for part in parts))
     else:
         table = item.T if across else item
     columns = table.reshape(max(shape), -1).T

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.imports.units import si_of
+from atpid_control.runs.read import MOST_HELD
 
 #: Values read at once of a channel.
 PIECE = 65_536
@@ -66,10 +67,18 @@ class Given:
     notes: list[str] = field(default_factory=list)  # what was converted, assumed or left out, a line each
 
 
-def mapped(given: Given, pieces: Iterable[Any]) -> Any:
-    """Return the values of pieces, one after the other (n,), mapped from a file without a name. Raises OSError."""
+def bounded(path: Path, numbers: float) -> None:
+    """Raise BagError where a file states, or unpacks to, more numbers than a file of its size has, or memory holds."""
+    size = path.stat().st_size
+    if numbers > max(size, min(MOST_HELD, 1000 * size) // 8):  # nothing is packed (deflate) to less than a thousandth
+        raise BagError(f"{path}: {numbers:.3g} numbers in {size / 1e6:.3g} MB: more than it can hold; save it anew")
+
+
+def mapped(path: Path, given: Given, pieces: Iterable[Any]) -> Any:
+    """Return the values of pieces, one after the other (n,), mapped from a nameless file. Raises BagError, OSError."""
     with TemporaryFile(dir=given.folder) as stream:
         for piece in pieces:
+            bounded(path, stream.tell() // 8 + np.size(piece))
             stream.write(np.ascontiguousarray(piece, np.float64).data)
         return np.memmap(stream, np.float64, "r") if stream.tell() else np.zeros(0)
 

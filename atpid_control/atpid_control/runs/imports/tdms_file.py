@@ -33,7 +33,7 @@ def read(path: Path, given: Given) -> list[Series]:
                     given.notes.append(f"{path.name}: {group.name}/{channel.name}: left out, it holds {what}")
                     continue
                 # by slices npTDMS would read a whole chunk, which may be the file, for each of them
-                values = mapped(given, (chunk[:] for chunk in channel.data_chunks()))
+                values = mapped(path, given, (chunk[:] for chunk in channel.data_chunks()))
                 if step > 0.0 and not given.rate:
                     begin = channel.properties.get("wf_start_time")
                     start_ns = 0 if begin is None else int(np.datetime64(begin, "ns").astype(np.int64))

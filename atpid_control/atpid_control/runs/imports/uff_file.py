@@ -20,8 +20,8 @@ from atpid_control.runs.imports.series import Given, Grid, Series, shortest, tim
 from atpid_control.runs.imports.units import si_of
 
 _TIME_RESPONSE, _TIME_AXIS, _EVEN = 1, 17, 1
-#: Longest time between the records of a channel, all together [s].
-_MOST_MISSING = 600.0
+#: Longest time between the records of a channel, all together [s], and that in samples over those there.
+_MOST_MISSING, _MOST_TIMES = 600.0, 1000
 #: Specific data types, with their SI units and by which factor of data set 164 they are divided.
 _QUANTITIES = {8: ("m", "length"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -105,7 +105,8 @@ def _joined(parts: list[Series], given: Given) -> list[Series]:
     begins = [round((one.grid.start_ns - grid.start_ns) * 1e-9 * grid.rate) for one in parts]
     ends = [begin + len(one.values) for begin, one in zip(begins, parts, strict=True)]
     missing = ends[-1] - sum(len(one.values) for one in parts)
-    if any(begin < end for end, begin in zip(ends, begins[1:], strict=False)) or missing > _MOST_MISSING * grid.rate:
+    most = min(_MOST_MISSING * grid.rate, _MOST_TIMES * (ends[-1] - missing))
+    if any(begin < end for end, begin in zip(ends, begins[1:], strict=False)) or missing > most:
         return [replace(one, name=f"{name}_{n}") if n else one for n, one in enumerate(parts)]
     if len(parts) == 1:
         return parts

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """WAV: integers are scaled to a full scale of 1; what that is in SI is stated with --channels."""
 
+import io
 import warnings
 from pathlib import Path
 
@@ -20,9 +21,9 @@ def read(path: Path, given: Given) -> list[Series]:
         try:
             rate, data = wavfile.read(path, mmap=True)
         except ValueError as error:
-            if "mmap" not in str(error):
+            if "mmap=True" not in str(error):
                 raise
-            rate, data = wavfile.read(path)
+            rate, data = wavfile.read(io.BytesIO(path.read_bytes()))  # of a file it takes the memory that is stated
     if not rate > 0 or not data.size:
         raise BagError(f"{path}: {data.size} samples at {rate} Hz; give a file with a rate and samples")
     table = data[:, None] if data.ndim == 1 else data
@@ -31,5 +32,5 @@ def read(path: Path, given: Given) -> list[Series]:
         given.notes.append(f"{path.name}: integers ({table.dtype}) are scaled: full scale is 1")
         zero, full = (128, 128) if table.dtype == np.uint8 else (0, -int(np.iinfo(table.dtype).min))
         parts = (table[begin : begin + PIECE] for begin in range(0, rows, PIECE))
-        table = mapped(given, ((part - np.float64(zero)) / full for part in parts)).reshape(rows, count)
+        table = mapped(path, given, ((part - np.float64(zero)) / full for part in parts)).reshape(rows, count)
     return [Series(f"channel_{n}", "", values, Grid(float(rate), rows)) for n, values in enumerate(table.T, 1)]
