@@ -292,7 +292,7 @@ def test_its_last_word_is_awaited(start: Start) -> None:
     run.ready()
     awaited: list[str] = []
     for publisher in (run.supervisor._events.publisher, run.supervisor._states):
-        publisher.wait_for_all_acked = lambda _limit, name=publisher.topic_name: awaited.append(name)  # type: ignore[method-assign,misc]
+        publisher.wait_for_all_acked = lambda _limit, name=publisher.topic_name: awaited.append(name)
     run.supervisor.close()
     assert sorted(awaited) == ["/events", "/supervisor/state"]
 

@@ -334,7 +334,12 @@ class Support:
 
     def until(self, condition: Callable[[], object], command: ExcitationCommand) -> None:
         """Go on until something is true."""
-        self.graph.until(lambda: (self(), condition())[1], command)
+
+        def turned() -> object:
+            self()
+            return condition()
+
+        self.graph.until(turned, command)
 
     def holds(self, command: ExcitationCommand) -> None:
         """Wait until the command is held, and what is measured is what was commanded."""
@@ -454,7 +459,8 @@ def test_a_correction_at_its_own_limit_ends_it_too(graph: Graph) -> None:
 
 
 def test_each_field_of_a_command_but_its_stamp_makes_a_decision() -> None:
-    assert set(ExcitationCommand.get_fields_and_field_types()) == {"header", *DECIDED}
+    fields: dict[str, str] = ExcitationCommand.get_fields_and_field_types()  # type: ignore[attr-defined]
+    assert set(fields) == {"header", *DECIDED}
 
 
 def test_a_stop_while_it_starts_ends_the_start(graph: Graph) -> None:
