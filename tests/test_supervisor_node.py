@@ -256,6 +256,17 @@ def test_a_motor_that_goes_off_stops_the_exciter_and_arming_the_motor_does_not_s
     run.shakes(3)
 
 
+def test_a_motor_that_is_armed_again_at_once_was_off(start: Start) -> None:
+    run = start(excited=True)
+    armed(run)
+    clients = [run.peer.create_client(Trigger, name) for name in ("motor_node/stop", "motor_node/rearm")]
+    run.until(lambda: all(client.service_is_ready() for client in clients))
+    asked = [client.call_async(Trigger.Request()) for client in clients]
+    run.until(lambda: all(one.done() for one in asked))
+    run.at_rest(1)
+    assert run.stopped("motor off")
+
+
 def test_a_fault_of_the_motor_stops_the_exciter(start: Start) -> None:
     run = start(excited=True)
     armed(run)

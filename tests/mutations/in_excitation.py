@@ -37,6 +37,14 @@ REFUSED = CONTRACT + "it_follows_commands_within_its_limits_and_is_off_otherwise
 #: name, file, text, what takes its place, why, test.
 _ROWS = (
     (
+        "a motor that was off for a moment was not",
+        "atpid_driver/atpid_driver/nodes/motor_node.py",
+        "        self._publish_now()\n\n    def _release",
+        "\n    def _release",
+        "disarmed and armed at once, the shaker runs on",
+        SUPERVISES + "a_motor_that_is_armed_again_at_once_was_off",
+    ),
+    (
         "a command outlasts every stop",
         GATE,
         "        self._void = self._armed or self._settings.supervised\n",

@@ -112,6 +112,7 @@ class MotorNode(SupervisedNode):
             self._actuator.deactivate(self._now())
         except StopNotConfirmedError as error:
             self._publish_event(Event.ALARM, Event.STOPPED, nan, str(error))
+        self._publish_now()
 
     def _release(self) -> None:
         self._active = self._connected = False
@@ -146,6 +147,12 @@ class MotorNode(SupervisedNode):
                 self._gate.refuse(command.height if outside else None, command.height, error)
         else:
             self._gate.accepted()
+
+    def _publish_now(self) -> None:
+        """Publish that it is off, however soon it is armed again: the supervisor stops the exciter by it."""
+        if not self.settings.lockstep:
+            reading = self._read()
+            self._publish(reading, self._stamp_of(reading))
 
     def _each_period(self) -> None:
         self._hold_without_permit()
@@ -263,6 +270,7 @@ class MotorNode(SupervisedNode):
 
     def _rearm(self) -> str:
         """Clear latched faults whose cause is gone, arm and home."""
+        self._publish_now()
         self._arm()
         return "armed; homing if its height is lost"
 
