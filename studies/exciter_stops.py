@@ -43,7 +43,7 @@ class Voltage:
 
     def __init__(self, file: Path) -> None:
         """Begin; file: of the device's outputs."""
-        self._outputs, self._rest = Outputs(file), 2.5
+        self._outputs = Outputs(file)
         self.on = 0.0  # when it was last on [s], steady
         self._ended = False
         self._thread = threading.Thread(target=self._look, name="voltage")
@@ -52,7 +52,7 @@ class Voltage:
     def _look(self) -> None:
         while not self._ended:
             before = time.monotonic()
-            if abs(self._outputs.volts(0) - self._rest) > OFF_VOLTS:
+            if abs(self._outputs.between()) > OFF_VOLTS:
                 self.on = before
             time.sleep(LOOK)
 
@@ -111,8 +111,9 @@ def tried(way: Way, stand: WatchedStand, voltage: Voltage) -> float:
 
 
 def _run(stand: WatchedStand) -> None:
-    """Let it run: arm it where it was stopped."""
+    """Let it run by a new command: arm motor and exciter where they were stopped."""
     stand.watch.tone = TONE
+    stand.watch.decision += 1
     armed, since = time.monotonic(), 0.0
 
     def runs() -> bool:

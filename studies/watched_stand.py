@@ -184,6 +184,7 @@ class Watch(Node):
         self.create_subscription(ExcitationState, "excitation/state", self._on_exciter, STATES)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", 10)
         self.tone: tuple[float, float] | None = None  # that is commanded [m], [Hz]
+        self.decision = 0  # number of the command: repetitions of one from before a stop are void
         self.create_timer(_COMMANDS, self._excite)
         self._blocks = self.create_publisher(SampleBlock, "sensors/accelerometer", BLOCKS)
         self._asked: dict[str, Client] = {}
@@ -197,7 +198,8 @@ class Watch(Node):
     def _excite(self) -> None:
         if self.tone is None:
             return
-        command = ExcitationCommand(kind=ExcitationCommand.SINE, amplitude=self.tone[0], frequency=self.tone[1])
+        command = ExcitationCommand(kind=ExcitationCommand.SINE, amplitude=self.tone[0], frequency=self.tone[1],
+                                    sequence=self.decision)  # fmt: skip
         command.header.stamp = self.get_clock().now().to_msg()
         self._commands.publish(command)
 
@@ -332,8 +334,11 @@ class WatchedStand:
 
     def arm(self) -> None:
         """Arm as a person does; a busy machine may refuse, or withdraw it."""
-        answer = self.call(Trigger, "supervisor_node/rearm", Trigger.Request())
-        self.until(lambda: answer() is not None, 10.0, "an answer to supervisor_node/rearm")
+        drives = ["supervisor_node"] + (["excitation_node"] if self.watch.tone else [])
+        for drive in drives:
+            answer = self.call(Trigger, f"{drive}/rearm", Trigger.Request())
+            self.until(lambda answer=answer: answer() is not None, 10.0, f"an answer to {drive}/rearm")  # type: ignore[misc]
+        self.watch.decision += 1
 
     def close(self) -> None:
         """End it."""
