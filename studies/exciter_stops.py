@@ -1,59 +1,116 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Each way to stop the exciter while it runs, over the whole emulated stand, by the voltage of the stand-in device.
+"""Each event that has to stop the exciter while it runs, with each of its backends, over the whole emulated stand.
 
-`python -m studies exciter-stops --page docs/excitation_output.md` takes five minutes and puts the table into that page.
+What is put out is seen at the device: as the voltage between the stand-in's outputs, or as the support's motion where
+the plant is the exciter. `python -m studies exciter-stops --page docs/excitation_output.md` takes an hour and puts the
+table into that page.
 """
 
 import argparse
+import math
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from atpid_interfaces.msg import ExcitationState
-from lifecycle_msgs.msg import Transition
+import numpy as np
+from atpid_interfaces.msg import CeilingState, ExcitationCommand, ExcitationState, SampleBlock
 from std_srvs.srv import Trigger
 
 from atpid_common.arguments import file_path, text
 from atpid_common.errors import DONE, NUMERICAL_FAILURE, InputError
+from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
+from atpid_driver.standins.control import Control
 from atpid_driver.standins.outputs import Outputs
-from studies.stop_chain import AFTER_SILENCE, WAYS, Way, hung, into, killed, service, transition
+from studies.stop_chain import AFTER_SILENCE, AT_ONCE, WAYS, Act, into, service
 from studies.watched_stand import AMPLITUDES, Answer, WatchedStand, watched_stand
 
 #: Arguments of the example in the help.
-EXAMPLE = "--only stop"
-#: Off within so much of the range [V]; the voltage is looked at that often, and for so long after a stop [s].
-OFF_VOLTS, LOOK, WATCHED = 5e-3, 5e-4, 1.2
-#: What the operator commands: amplitude [m], frequency [Hz]. The output has run for so long before a stop [s].
-TONE, RUN = (AMPLITUDES[1] / 2.0, 5.4), 0.5
-#: Silence of commands after which the node ramps down, a parameter, is no delay of the chain [s].
-COMMANDS_SILENT = 1.2 + AFTER_SILENCE
-#: A needed node that hangs, and is not killed, is noticed by the supervisor after its `answer_time`, 0.4 s [s].
-NOTICED = 0.65
-_START = 240.0
+EXAMPLE = "--only disarmed --backend labjack_stream"
+BACKENDS = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
+#: Off within so much [V], [m]; the voltage is looked at that often [s].
+OFF_VOLTS, OFF_METRES, LOOK = 5e-3, 1e-3, 5e-4
+#: The output has run for so long before an event, and is watched for so long after what is allowed, and after the
+#: cause is gone, while the command of before is repeated all the time [s].
+RUN, WATCHED, AGAIN = 0.5, 0.5, 1.0
+#: What the operator commands [m], [Hz]; a smaller one moves the ceiling. An eccentric drive has its disc's alone.
+LARGE, SMALL, DISC, FREQUENCY = AMPLITUDES[1] / 2.0, AMPLITUDES[0], AMPLITUDES[1], 5.4
+#: Silence of commands after which the output ramps down, a hold without estimates, and the T7's watchdog: parameters
+#: of the node. The firmware's own time until it sees a fault, at most [s].
+STALE, BLIND, WATCHDOG, DETECTED = 1.2, 2.0, 3.0, 0.3
+#: Reading of a laser that is frozen, and one below and above its range [V].
+FROZEN, BELOW, ABOVE = 2.0, -10.5, 10.5
+#: Of the device that is away for a moment [s], and of a recorded signal that fills the connection [samples].
+_AWAY, _SAMPLES = 0.05, 100_000
+_START, _ANSWER = 240.0, 15.0
+NODES = ("supervisor", "motor", "excitation", "labjack", "identifier", "selector", "recorder")
+_OUTPUT, _DEVICES = "excitation_node's output process", ("labjack_dac", "labjack_stream", "nidaqmx")
+
+
+def _nothing(_stand: WatchedStand) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way in which an event happens."""
+
+    name: str
+    act: Act
+    allowed: float = AT_ONCE  # until the output is off [s]
+    undo: Callable[[WatchedStand], object] = _nothing  # takes the cause away
+    before: Callable[[WatchedStand], object] = _nothing  # while the output runs
+    ends: bool = False  # the run ends with it
+    hold: bool = False  # the command is held on what is measured
+    backends: Sequence[str] = BACKENDS
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What became of the output: off, and without any change, after [s]; what is latched, what it took to go on."""
+
+    case: Case
+    off: float
+    still: float
+    latched: str
+    go_on: str
+    problems: tuple[str, ...] = ()
+
+
+@dataclass
+class Row:
+    """An event in each of its ways."""
+
+    name: str
+    cases: Sequence[Case]
+    seen: dict[str, list[Seen]] = field(default_factory=lambda: {backend: [] for backend in BACKENDS})
 
 
 class Voltage:
-    """Looks at the output all the time, in a thread of its own."""
+    """Looks at the device's output all the time, in a thread of its own."""
 
-    def __init__(self, file: Path) -> None:
-        """Begin; file: of the device's outputs."""
-        self._outputs = Outputs(file)
-        self.on = 0.0  # when it was last on [s], steady
+    def __init__(self, stand: WatchedStand) -> None:
+        """Begin."""
+        self._outputs = Outputs(stand.place / "output")
+        self.on = self.changed = 0.0  # when there was an output, and when it changed last, steady [s]
         self._ended = False
         self._thread = threading.Thread(target=self._look, name="voltage")
         self._thread.start()
 
     def _look(self) -> None:
+        last = 0.0
         while not self._ended:
-            before = time.monotonic()
-            if abs(self._outputs.between()) > OFF_VOLTS:
-                self.on = before
+            at, volts = time.monotonic(), self._outputs.between()
+            if abs(volts) > OFF_VOLTS:
+                self.on = at
+            if abs(volts - last) > OFF_VOLTS:
+                self.changed, last = at, volts
             time.sleep(LOOK)
 
     def close(self) -> None:
@@ -62,115 +119,365 @@ class Voltage:
         self._thread.join()
 
 
-def _output_process(stand: WatchedStand) -> Callable[[], Answer | None]:
+class Support:
+    """Follows the true motion of the plant's support, which `simulated` shakes."""
+
+    def __init__(self, stand: WatchedStand) -> None:
+        """Begin."""
+        self.on = 0.0  # when it moved, steady [s]
+        self._clock = stand.watch.get_clock()
+        stand.watch.create_subscription(SampleBlock, "emulated/sensors/laser", self._on_block, BLOCKS)
+
+    @property
+    def changed(self) -> float:
+        """See Voltage."""
+        return self.on
+
+    def _on_block(self, block: SampleBlock) -> None:
+        moving = np.flatnonzero(np.abs(np.frombuffer(block.data)[:: len(block.channels) or 1]) > OFF_METRES)
+        if len(moving):
+            age = (self._clock.now().nanoseconds - nanoseconds_of(block.header.stamp)) * 1e-9 - moving[-1] / block.rate
+            self.on = max(self.on, time.monotonic() - age)
+
+    def close(self) -> None:
+        """End with the stand's watch."""
+
+
+def _output_process(stand: WatchedStand) -> int:
     node = stand.node("excitation_node")
     for task in Path(f"/proc/{node}/task").iterdir():
         for child in (task / "children").read_text().split():
             if b"outlet_process" in Path(f"/proc/{child}/cmdline").read_bytes():
-                os.kill(int(child), signal.SIGKILL)
-    return lambda: (True, stand.watch.exciter.fault) if stand.watch.exciter.fault else None
+                return int(child)
+    raise InputError("the output has no process")
 
 
-def _no_commands(stand: WatchedStand) -> Callable[[], Answer | None]:
-    stand.watch.tone = None
-    return lambda: (True, "event: stale")
+def _sent(number: signal.Signals, *names: str) -> Act:
+    """Send a signal to nodes, the whole stand, or the output's process, all at once."""
+
+    def act(stand: WatchedStand) -> Callable[[], Answer | None]:
+        for process in [_output_process(stand) if name == _OUTPUT else stand.node(name) for name in names]:
+            os.kill(process, number)
+        return lambda: None
+
+    return act
 
 
-OWN = (
-    Way("service `excitation_node/stop`", service(Trigger, "excitation_node/stop", Trigger.Request())),
-    Way("lifecycle `deactivate` of excitation_node",
-        transition("excitation_node", Transition.TRANSITION_DEACTIVATE)),
-    hung("excitation_node"),
-    Way("its output process killed", _output_process, AFTER_SILENCE),
-    Way("silence of commands (`stale_timeout` 1.2 s)", _no_commands, COMMANDS_SILENT),
+def _goes_on(name: str) -> Callable[[WatchedStand], object]:
+    def undo(stand: WatchedStand) -> None:
+        with suppress(InputError, ProcessLookupError):  # a process of the output was killed where it hung
+            os.kill(_output_process(stand) if name == _OUTPUT else stand.node(name), signal.SIGCONT)
+
+    return undo
+
+
+def _do(work: Callable[[WatchedStand], object]) -> Act:
+    def act(stand: WatchedStand) -> Callable[[], Answer | None]:
+        work(stand)
+        return lambda: None
+
+    return act
+
+
+def _set(*values: str) -> Callable[[WatchedStand], object]:
+    """Break the emulated stand, or mend it."""
+    return lambda stand: [stand.board.do(value if " " not in value else f"set {value}") for value in values]
+
+
+def _laser(volts: float) -> Act:
+    return _do(lambda stand: Control(stand.place / "device").hold(0, volts))
+
+
+def _sees_again(stand: WatchedStand) -> None:
+    Control(stand.place / "device").release(0)
+
+
+def _unplugged(stand: WatchedStand) -> None:
+    Control(stand.place / "exciter").unplug()
+
+
+def _plugged(stand: WatchedStand) -> None:
+    Control(stand.place / "exciter").replug()
+
+
+def _away(stand: WatchedStand) -> None:
+    """Let what is written fail for a moment."""
+    _unplugged(stand)
+    time.sleep(_AWAY)
+    _plugged(stand)
+
+
+def _moving(stand: WatchedStand) -> None:
+    """Command another amplitude, and wait until the ceiling travels."""
+    command(stand, SMALL)
+    stand.until(
+        lambda: stand.watch.ceiling.mode == CeilingState.MOVING and stand.left(stand.board.state()) > 0.1,
+        _START, "the ceiling moves",
+    )  # fmt: skip
+
+
+def _sent_to(stand: WatchedStand) -> None:
+    """Let the output's process hang, and command what does not fit into the connection to it."""
+    os.kill(_output_process(stand), signal.SIGSTOP)
+    samples = np.sin(2.0 * np.pi * FREQUENCY / 2000.0 * np.arange(_SAMPLES))
+    stand.watch.publish_signal("large", samples, 2000.0)
+    command(stand, LARGE, kind=ExcitationCommand.RECORDED, file="large")
+
+
+def _silent(stand: WatchedStand) -> None:
+    stand.watch.command = None
+
+
+def _way(name: str, allowed: float = AT_ONCE) -> Case:
+    """Return one that stops the ceiling, too."""
+    way = next(way for way in WAYS if way.name == name)
+    return Case(name, way.act, allowed, way.undo, ends=way.ends)
+
+
+def _motor(fault: str, *values: str, detected: float = DETECTED, mend: Sequence[str] = (), moving: bool = False) -> Row:
+    # an eccentric drive has one amplitude, at which the ceiling stays
+    backends = tuple(one for one in BACKENDS if not moving or one != "labjack_dac")
+    case = Case(fault, _do(_set(*values)), AT_ONCE + detected, _set(*mend), _moving if moving else _nothing,
+                backends=backends)  # fmt: skip
+    return Row(f"motor fault {fault}", [case])
+
+
+def _signal(number: signal.Signals, *, hangs: bool) -> list[Case]:
+    quick = {"excitation", "stand"} if number == signal.SIGTERM else set()
+    return [
+        Case(name, _sent(number, name if name == "stand" else f"{name}_node"),
+             AT_ONCE if name in quick else AFTER_SILENCE,
+             _goes_on(f"{name}_node") if hangs else _nothing, ends=not hangs)
+        for name in (*NODES, *(() if hangs else ("stand",)))
+    ]  # fmt: skip
+
+
+_TRIGGER = Trigger.Request()
+#: Those after which the run goes on share a stand.
+ROWS = (
+    Row("emergency stop pressed", [Case("pressed", _do(_set("stop open")), undo=_set("stop ok"))]),
+    _motor("STALL", "jam 1", mend=["jam 0"], moving=True),
+    _motor("WRONG_WAY", "swapped 1", mend=["swapped 0"], moving=True),
+    _motor("UNCOMMANDED", "runaway 1", mend=["runaway 0"]),
+    _motor("SENSOR_LOW", "sensor open", detected=0.0, mend=["sensor ok"]),
+    _motor("SENSOR_HIGH", "sensor high", detected=0.0, mend=["sensor ok"]),
+    _motor("SENSOR_JUMP", "slip 50000", detected=0.0, mend=["slip 0"]),
+    _motor("BOTH_LIMITS", "lower open", "upper open", detected=0.0, mend=["lower ok", "upper ok"]),
+    _motor("WATCHDOG: the board hangs", "hang"),
+    _motor("link lost: the board's cable is pulled", "unplug", mend=["plug"]),
+    Row("motor disarmed (`motor_node/stop`)", [Case("service", service(Trigger, "motor_node/stop", _TRIGGER))]),
+    Row("supervisor's stop (service, live page, Enter, abort level)",
+        [_way(name) for name in ("service `supervisor_node/stop`", "live page: Stop", "Enter at the terminal",
+                                 "abort level passed, from the first sample on")]),
+    Row("exciter's stop (`excitation_node/stop`)",
+        [Case("service", service(Trigger, "excitation_node/stop", _TRIGGER))]),
+    Row("commands end", [Case("silence", _do(_silent), STALE + AFTER_SILENCE)]),
+    Row("SIGSTOP of a node", _signal(signal.SIGSTOP, hangs=True)),
+    *(Row(f"laser of the support {what}, with `hold`",
+          [Case(what, _laser(volts), BLIND + AFTER_SILENCE, _sees_again, hold=True)])
+      for what, volts in (("frozen", FROZEN), ("dead", BELOW), ("saturated", ABOVE))),
+    Row("device unplugged",
+        [Case("unplugged", _do(_unplugged), WATCHDOG + AFTER_SILENCE, _plugged, backends=_DEVICES)]),
+    Row("a write fails (device away for 50 ms)",
+        [Case("away", _do(_away), AFTER_SILENCE, backends=_DEVICES)]),
+    Row("output process hangs, alone",
+        [Case("alone", _sent(signal.SIGSTOP, _OUTPUT), AFTER_SILENCE, _goes_on(_OUTPUT), backends=_DEVICES)]),
+    Row("output process hangs while it is sent to",
+        [Case("sent to", _do(_sent_to), AFTER_SILENCE, _goes_on(_OUTPUT), backends=_DEVICES)]),
+    Row("output process killed",
+        [Case("killed", _sent(signal.SIGKILL, _OUTPUT), AFTER_SILENCE, backends=_DEVICES)]),
+    Row("Ctrl-C at the terminal", [_way("Ctrl-C at the terminal")]),
+    Row("SIGTERM of a node, or of the stand", _signal(signal.SIGTERM, hangs=False)),
+    Row("SIGKILL of a node, or of the stand", _signal(signal.SIGKILL, hangs=False)),
+    Row("SIGKILL of excitation_node and its output process at once",
+        [Case("both", _sent(signal.SIGKILL, "excitation_node", _OUTPUT), WATCHDOG + AFTER_SILENCE, ends=True,
+              backends=_DEVICES)]),
 )  # fmt: skip
-_SHARED = (
-    "live page: Stop", "service `supervisor_node/stop`", "Enter at the terminal",
-    "abort level passed, from the first sample on", "supervisor_node hung", "identifier_node hung",
-    "Ctrl-C at the terminal", "SIGTERM of the stand's process", "the stand's process killed", "supervisor_node killed",
-    "identifier_node killed",
-)  # fmt: skip
-SHARED = [replace(way, allowed=NOTICED if way.name == "identifier_node hung" else AFTER_SILENCE)
-          if way.name.endswith(("hung", "killed")) else way
-          for way in WAYS if way.name in _SHARED]  # fmt: skip
-ALL = (
-    *OWN, *(way for way in SHARED if not way.ends), *(way for way in SHARED if way.ends),
-    killed("excitation_node", AFTER_SILENCE),
-)  # fmt: skip
 
 
-def tried(way: Way, stand: WatchedStand, voltage: Voltage) -> float:
-    """Try a way while the exciter runs; return after how long its voltage was off for good [s]."""
-    _run(stand)
-    begun = time.monotonic()
-    answered, allowed = way.act(stand), WATCHED + way.allowed
-    while time.monotonic() - begun < allowed:
-        stand.spin()
-        answered()
-    return voltage.on - begun
+def command(stand: WatchedStand, amplitude: float = LARGE, **values: Any) -> None:
+    """Command something new, which is repeated from now on."""
+    only = stand.exciter == "labjack_dac"
+    values = {"kind": ExcitationCommand.SINE, "frequency": FREQUENCY} | ({} if only else values)
+    stand.watch.decide(amplitude=DISC if only else amplitude, **values)
 
 
-def _run(stand: WatchedStand) -> None:
+def _shakes(stand: WatchedStand) -> bool:
+    return stand.watch.exciter.mode in (ExcitationState.RAMPING, ExcitationState.RUNNING)
+
+
+def _runs(stand: WatchedStand, case: Case) -> None:
     """Let it run by a new command: arm motor and exciter where they were stopped."""
-    stand.watch.tone = TONE
-    stand.watch.decision += 1
+    command(stand, hold=case.hold)
     armed, since = time.monotonic(), 0.0
 
     def runs() -> bool:
         nonlocal armed, since
-        mode, now = stand.watch.exciter.mode, time.monotonic()
-        if mode in (ExcitationState.OFF, ExcitationState.FAULT) and now - armed > 2.0 and stand.ready:
+        now = time.monotonic()
+        if not _shakes(stand) and now - armed > 2.0 and stand.ready:
             stand.arm()
+            command(stand, hold=case.hold)
             armed = now
-        since = (since or now) if mode == ExcitationState.RUNNING else 0.0
+        since = (since or now) if stand.watch.exciter.mode == ExcitationState.RUNNING else 0.0
         return bool(since and now - since > RUN)
 
     stand.until(runs, _START, "the exciter runs")
+    case.before(stand)
     stand.remember()
 
 
-def _begun(stand: WatchedStand) -> WatchedStand:
-    stand.until(lambda: stand.ready, _START, "the run begins")
+def _spin(stand: WatchedStand, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        stand.spin()
+
+
+def tried(case: Case, stand: WatchedStand, device: Voltage | Support) -> Seen:
+    """Let an event happen while the exciter runs; return what became of its output."""
+    _runs(stand, case)
+    begun, problems = time.monotonic(), []
+    answered = case.act(stand)
+    while time.monotonic() - begun < case.allowed + WATCHED:
+        stand.spin()
+        answered()
+    off, still = device.on - begun, device.changed - begun
+    if case.ends:
+        return Seen(case, off, still, "the run ends", "start it, new command")
+    if off > case.allowed:
+        problems.append(f"the output was on for {off:.3f} s")
+    latched = _latched(stand)
+    case.undo(stand)
+    _spin(stand, AGAIN)
+    if (again := device.on - begun) > max(off, case.allowed) + WATCHED / 2.0:
+        problems.append(f"the output came back after {again:.3f} s")
+    return Seen(case, off, still, latched, _gone_on(stand, case), tuple(problems))
+
+
+def _latched(stand: WatchedStand) -> str:
+    watch = stand.watch
+    latches = {"supervisor": watch.supervisor.stop, "motor": watch.ceiling.mode in (CeilingState.FAULT, CeilingState.DISARMED),
+               "exciter": bool(watch.exciter.fault)}  # fmt: skip
+    return ", ".join(name for name, latched in latches.items() if latched) or "nothing"
+
+
+def _gone_on(stand: WatchedStand, case: Case) -> str:
+    """Do what a person may do, the least first; return what was enough until the exciter was on."""
+    done: list[str] = []
+    for drive in ("", "excitation_node", "supervisor_node", "excitation_node"):
+        if drive and not _asked(stand, f"{drive}/rearm"):
+            continue
+        if drive:
+            done.append({"excitation_node": "arm exciter", "supervisor_node": "arm motor"}[drive])
+        command(stand, hold=case.hold)
+        end = time.monotonic() + AGAIN
+        while not _shakes(stand) and time.monotonic() < end:
+            stand.spin()
+        if _shakes(stand):
+            return ", ".join([*done, "new command"])
+    return "more"
+
+
+def _asked(stand: WatchedStand, name: str) -> bool:
+    """Call a service until it succeeds, as a person would who reads why it does not; return whether it has."""
+    end = time.monotonic() + (_ANSWER if name.startswith("supervisor") else 3.0)
+    while time.monotonic() < end:
+        answer = stand.call(Trigger, name, _TRIGGER)
+        stand.until(lambda answer=answer: answer() is not None, _ANSWER, name)  # type: ignore[misc]
+        found = answer()
+        assert found is not None
+        if found[0]:
+            return True
+        _spin(stand, 0.3)
+    return False
+
+
+def _begun(stand: WatchedStand) -> tuple[WatchedStand, Voltage | Support]:
+    """Wait until a run has begun, all the while under a command that is older than it."""
+    device = Support(stand) if stand.exciter == "simulated" else Voltage(stand)
+    command(stand)
+    stand.until(lambda: stand.ready and stand.watch.exciter.mode == ExcitationState.OFF, _START, "the run begins")
     stand.meet()
-    return stand
+    _spin(stand, AGAIN)
+    if device.on:
+        raise InputError(f"{stand.exciter}: a stand that starts shakes by a command from before")
+    return stand, device
 
 
-def measured(ways: Sequence[Way]) -> list[tuple[Way, float]]:
-    """Return how long each way took [s]."""
-    found = []
+def measured(rows: Sequence[Row], backend: str) -> Iterator[Seen]:
+    """Try all of these events with a backend; yield what was seen, which is kept in the rows too."""
     with ExitStack() as stack:
         stand: WatchedStand | None = None
-        for way in ways:
-            if stand is None:
-                stand = _begun(stack.enter_context(watched_stand(commanded=True)))
-                voltage = Voltage(stand.place / "output")
-                stack.callback(voltage.close)
-            off = tried(way, stand, voltage)
-            found.append((way, off))
-            print(f"{way.name}: {1e3 * off:.0f} ms, allowed {1e3 * way.allowed:.0f} ms", flush=True)
-            if way.ends:
-                stack.close()
-                stand = None
-            else:
-                way.undo(stand)
-    return found
+        for row in rows:
+            for case in row.cases:
+                if backend not in case.backends:
+                    continue
+                if stand is None:
+                    stand, device = _begun(stack.enter_context(watched_stand(exciter=backend)))
+                    stack.callback(device.close)
+                seen = tried(case, stand, device)
+                row.seen[backend].append(seen)
+                yield seen
+                if case.ends:
+                    stack.close()
+                    stand = None
+
+
+def table(rows: Sequence[Row], backends: Sequence[str]) -> str:
+    """Return the worst of each event as a Markdown table."""
+    head = ["event", *(f"`{backend}`" for backend in backends), "allowed", "latched", "to go on"]
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for row in rows:
+        seen = [one for backend in backends for one in row.seen[backend]]
+        if not seen:
+            continue
+        cells = [_worst(row.seen[backend]) for backend in backends]
+        ways = [" or ".join(dict.fromkeys(getattr(one, name) for one in seen)) for name in ("latched", "go_on")]
+        allowed = f"{1e3 * max(one.case.allowed for one in seen):.0f} ms"
+        lines.append(f"| {' | '.join([row.name, *cells, allowed, *ways])} |")
+    return "\n".join(lines)
+
+
+def _worst(seen: Sequence[Seen]) -> str:
+    """Return the latest end of an output; one that never ends has a constant voltage from some time on."""
+    if not seen:
+        return "–"
+    worst = max(seen, key=lambda one: one.off - one.case.allowed)
+    of = f" ({worst.case.name})" if len(seen) > 1 else ""
+    if worst.off > worst.case.allowed:
+        return f"constant after {max(0.0, 1e3 * worst.still):.0f} ms{of}"
+    return f"{max(0.0, 1e3 * worst.off):.0f} ms{of}"
+
+
+def wrong(seen: Seen, backend: str) -> bool:
+    """Return whether an event broke a rule; an NI module alone keeps a constant voltage that nobody can reach."""
+    unreachable = backend == "nidaqmx" and seen.case.allowed > WATCHDOG
+    late = (seen.still if unreachable else seen.off) > (AFTER_SILENCE if unreachable else seen.case.allowed)
+    return late or math.isnan(seen.off) or (bool(seen.problems) and not unreachable) or seen.go_on == "more"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of this study."""
-    parser.add_argument("--only", type=text, default="", metavar="WORDS", help="ways whose name has these words")
+    parser.add_argument("--only", type=text, default="", metavar="WORDS", help="events whose name has these words")
+    parser.add_argument("--backend", choices=BACKENDS, help="this one alone; default: all")
     parser.add_argument("--page", type=file_path, metavar="FILE.md", help="page whose table is made anew")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table; return 3 where one took longer than it is allowed to."""
-    ways = [way for way in ALL if arguments.only in way.name]
-    if not ways:
-        raise InputError(f"--only: given {arguments.only!r}; allowed: words of {', '.join(way.name for way in ALL)}")
-    found = measured(ways)
-    rows = [f"| {way.name} | {1e3 * off:.0f} ms | {1e3 * way.allowed:.0f} ms |" for way, off in found]
-    made = "\n".join(["| way | output off after | allowed |", "|---|---|---|", *rows])
+    """Print the table; return 3 where an output was on for longer than it is allowed to, or came back."""
+    rows = [row for row in ROWS if arguments.only in row.name]
+    if not rows:
+        raise InputError(f"--only: given {arguments.only!r}; allowed: words of {', '.join(row.name for row in ROWS)}")
+    backends, broken = [arguments.backend] if arguments.backend else BACKENDS, 0
+    for backend in backends:
+        for seen in measured(rows, backend):
+            broken += wrong(seen, backend)
+            what = [f"off after {1e3 * seen.off:.0f} ms", f"still after {1e3 * seen.still:.0f} ms", seen.latched,
+                    seen.go_on, *seen.problems]  # fmt: skip
+            print(f"{backend}, {seen.case.name}: {'; '.join(what)}", flush=True)
+    made = table(rows, backends)
     print(made)
+    count = sum(len(row.seen[backend]) for row in rows for backend in backends)
+    print(f"{count} events, {broken} that broke a rule")
     if arguments.page:
         into(arguments.page, made, "exciter-stops")
-    return NUMERICAL_FAILURE if any(off > way.allowed for way, off in found) else DONE
+    return NUMERICAL_FAILURE if broken else DONE

@@ -7,6 +7,7 @@ board and its serial line are this process's: they are hardware, which no other 
 """
 
 import asyncio
+import itertools
 import json
 import os
 import pty
@@ -21,9 +22,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from atpid_interfaces.msg import CeilingState, Event, ExcitationCommand, ExcitationState, SampleBlock, SupervisorState
 from lifecycle_msgs.srv import ChangeState
+from numpy.typing import NDArray
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -32,7 +35,7 @@ from tornado.websocket import websocket_connect
 
 from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE
-from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATES, doubles
+from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATES, STATUS, doubles
 from atpid_common.nodes.node_main import command_node
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
@@ -61,6 +64,8 @@ SCENE: dict[str, Any] = {
     "sensors": {"laser": {"rate": 1000.0, "noise": 20e-6}},
     "seed": 1,
 }
+#: What an exciter's device puts out, for the plant.
+_DEVICE = "emulated/excitation/state"
 #: Between two commands of an excitation [s].
 _COMMANDS = 0.2
 #: Of a temperature, which no device here measures: its abort level can be passed at any time [degC].
@@ -183,8 +188,9 @@ class Watch(Node):
         self.create_subscription(Event, "events", self.events.append, EVENTS_KEPT)
         self.create_subscription(ExcitationState, "excitation/state", self._on_exciter, STATES)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", 10)
-        self.tone: tuple[float, float] | None = None  # that is commanded [m], [Hz]
-        self.decision = 0  # number of the command: repetitions of one from before a stop are void
+        self._signals = self.create_publisher(SampleBlock, "excitation/signal", STATUS)
+        self.command: ExcitationCommand | None = None  # that is repeated
+        self._decisions = itertools.count(1)
         self.create_timer(_COMMANDS, self._excite)
         self._blocks = self.create_publisher(SampleBlock, "sensors/accelerometer", BLOCKS)
         self._asked: dict[str, Client] = {}
@@ -195,13 +201,21 @@ class Watch(Node):
     def _on_exciter(self, state: ExcitationState) -> None:
         self.exciter = state
 
+    def decide(self, **values: Any) -> None:
+        """Command the exciter something new, and repeat it."""
+        self.command = ExcitationCommand(sequence=next(self._decisions), **values)
+        self._excite()
+
+    def publish_signal(self, name: str, samples: NDArray[np.float64], rate: float) -> None:
+        """Publish a signal (n,) for `RECORDED` commands."""
+        block = SampleBlock(device=name, rate=rate, channels=["signal"], units=["m"], skew=[0.0])
+        block.data = doubles(samples)
+        self._signals.publish(block)
+
     def _excite(self) -> None:
-        if self.tone is None:
-            return
-        command = ExcitationCommand(kind=ExcitationCommand.SINE, amplitude=self.tone[0], frequency=self.tone[1],
-                                    sequence=self.decision)  # fmt: skip
-        command.header.stamp = self.get_clock().now().to_msg()
-        self._commands.publish(command)
+        if self.command is not None:
+            self.command.header.stamp = self.get_clock().now().to_msg()
+            self._commands.publish(self.command)
 
     def _on_supervisor(self, state: SupervisorState) -> None:
         self.supervisor = state
@@ -222,11 +236,12 @@ class Watch(Node):
 class WatchedStand:
     """The stand, its board, its line and its operator."""
 
-    def __init__(self, folder: Path, place: Path, board: EmulatedBoard) -> None:
+    def __init__(self, folder: Path, place: Path, board: EmulatedBoard, exciter: str = "") -> None:
         """Use `watched_stand`."""
-        self.board = board
+        self.board, self.exciter = board, exciter
         self.place, self.port = place, _free_port()
-        self.terminal = Terminal(sys.executable, "-m", "studies.watched_stand", folder, place, self.port)
+        self.terminal = Terminal(sys.executable, "-m", "studies.watched_stand", folder, place, self.port,
+                                 *([exciter] if exciter else []))  # fmt: skip
         self._page: Page | None = None
         self._begun = self._met = False
         self._processes: set[int] = set()
@@ -334,11 +349,10 @@ class WatchedStand:
 
     def arm(self) -> None:
         """Arm as a person does; a busy machine may refuse, or withdraw it."""
-        drives = ["supervisor_node"] + (["excitation_node"] if self.watch.tone else [])
+        drives = ["supervisor_node"] + (["excitation_node"] if self.exciter else [])
         for drive in drives:
             answer = self.call(Trigger, f"{drive}/rearm", Trigger.Request())
             self.until(lambda answer=answer: answer() is not None, 10.0, f"an answer to {drive}/rearm")  # type: ignore[misc]
-        self.watch.decision += 1
 
     def close(self) -> None:
         """End it."""
@@ -354,10 +368,10 @@ class WatchedStand:
 
 
 @contextmanager
-def watched_stand(late: float = 0.0, *, commanded: bool = False) -> Iterator[WatchedStand]:
+def watched_stand(late: float = 0.0, *, exciter: str = "") -> Iterator[WatchedStand]:
     """Start a stand in a domain of its own, whose board's answers are `late` [s]; it ends with the context.
 
-    commanded: its excitation is, by `Watch.tone`.
+    exciter: backend of what shakes it, commanded by `Watch.decide`; empty: the scene's excitation does.
     """
     with ExitStack() as stack:
         folder = Path(
@@ -366,14 +380,14 @@ def watched_stand(late: float = 0.0, *, commanded: bool = False) -> Iterator[Wat
         place = folder / "place"
         place.mkdir()
         (folder / "scene.yaml").write_text(
-            yaml.safe_dump(SCENE | {"excitation": excitation(commanded=commanded)}), encoding="utf-8"
+            yaml.safe_dump(SCENE | {"excitation": excitation(commanded=bool(exciter))}), encoding="utf-8"
         )
         faults = ("--fault", f"serial_link delayed 0 {DURATION:g} {late:g}") if late else ()
         command = emulator_command(load_scene(folder / "scene.yaml"), place, "--height", "0.3", *faults)
         stack.enter_context(own_domain())
         board = EmulatedBoard(command, folder / "emulator.log")
         stack.callback(board.close)
-        stand = WatchedStand(folder, place, board)
+        stand = WatchedStand(folder, place, board, exciter)
         stack.callback(stand.close)
         stand.watch, stand.executor = stack.enter_context(command_node(Watch, *QUIET))
         yield stand
@@ -396,18 +410,24 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _run(folder: Path, place: Path, port: int) -> int:
+def _run(folder: Path, place: Path, port: int, exciter: str) -> int:
     """Run the nodes until Ctrl-C, as `bench --emulated-stand --live` does, but for the board."""
     file = folder / "scene.yaml"
     scene = load_scene(file)
-    parameters = parameters_emulated(scene, file, map_for(scene), folder / "bag", place, board=True)
+    given = {"excitation_node": {"backend": exciter}} if exciter in ("labjack_dac", "nidaqmx") else {}
+    parameters = parameters_emulated(scene, file, map_for(scene), folder / "bag", place, board=True, given=given)
     parameters["supervisor_node"] |= {"temperature_abort": ABORT}
     parameters["live_node"] = LIVE.configured() | {"host": "127.0.0.1", "port": port, "scene": str(file)}
+    if exciter == "simulated":
+        parameters["excitation_node"] |= {"backend": exciter, "calibration": ""}
+        parameters["feed_node"]["output"] = ""
     parameter_file, logs = folder / "parameters.yaml", folder / "log"
     write_parameters(parameters, parameter_file)
     logs.mkdir()
     os.environ["ROS_LOG_DIR"] = str(logs)
     emulated = commands_emulated(scene, parameter_file, place, board=False)
+    if exciter == "simulated":  # the plant follows the node itself, not a device's voltage
+        emulated = [(name, [word.replace(_DEVICE, "excitation/state") for word in words]) for name, words in emulated]
     with stoppable():
         run_realtime([*emulated, *commands_of(parameter_file, [LIVE])], logs, lambda _: None)
     return DONE
@@ -419,7 +439,8 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("place", type=Path)
     parser.add_argument("port", type=int)
-    parser.set_defaults(run=lambda given: _run(given.folder, given.place, given.port))
+    parser.add_argument("exciter", nargs="?", default="")
+    parser.set_defaults(run=lambda given: _run(given.folder, given.place, given.port, given.exciter))
     return run_parsed(lambda: parser)
 
 

@@ -5,6 +5,7 @@
 import math
 import threading
 import time
+import traceback
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -271,6 +272,7 @@ class Spinner(threading.Thread):
             try:
                 self._executor.spin_once(timeout_sec=0.05)
             except Exception as error:  # the test that looks raises it again
+                traceback.print_exc()  # hypothesis may have another error than the first
                 self.error = error
                 return
             if time.monotonic() - begin > self.LONG:

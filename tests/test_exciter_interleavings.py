@@ -155,7 +155,7 @@ class Stand:
         off = state.mode in (ExcitationState.OFF, ExcitationState.FAULT) and "not confirmed" not in state.fault
         if not off or state.amplitude != 0.0:
             self.rests = math.nan
-        elif math.isnan(self.rests):
+        elif math.isnan(self.rests) or at - steady(before) > 0.12:  # what is between two states has not been said
             self.rests = at
         late = 3.0 * self.record.late(at - 0.5, at)
         rested = not math.isnan(self.rests)
@@ -198,6 +198,7 @@ class Stand:
                 self.second_sent.append(time.monotonic())
                 self.second[1].publish(self.second[2])
         self.graph.executor.spin_once(timeout_sec=timeout)
+        self.graph.raise_errors()
 
     def send(self) -> None:
         decision = self.account.decision

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from atpid_driver.emulator import missing_tools
-from studies.exciter_stops import ALL, measured
+from studies.exciter_stops import ROWS, Row, measured
 
 pytestmark = pytest.mark.slow
 #: What a machine with other work may add to a time that is allowed, and to that between two looks at the voltage [s].
@@ -19,8 +19,14 @@ def test_a_stop_and_a_kill_end_with_the_output_off() -> None:
     if missing_tools():
         assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
         pytest.skip(f"left out: the real firmware on the emulated board; missing {', '.join(missing_tools())}")
-    names = ("service `supervisor_node/stop`", "excitation_node killed")
-    seen = measured([way for way in ALL if way.name in names])
-    assert {way.name for way, _ in seen} == set(names)
-    for way, off in seen:
-        assert -BUSY < off <= way.allowed + BUSY, way.name
+    chosen = {"Ctrl-C at the terminal", "excitation"}
+    rows = [
+        Row(row.name, [case for case in row.cases if case.name in chosen])
+        for row in ROWS
+        if not row.name.startswith("SIGT")
+    ]
+    seen = list(measured(rows, "labjack_stream"))
+    assert [one.case.name for one in seen] == ["excitation", "Ctrl-C at the terminal", "excitation"]
+    for one in seen:
+        assert -BUSY < one.off <= one.case.allowed + BUSY, one
+    assert (seen[0].latched, seen[0].go_on) == ("exciter", "arm exciter, new command")

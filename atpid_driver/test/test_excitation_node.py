@@ -498,6 +498,36 @@ def test_a_lost_output_is_a_latched_fault_and_arming_opens_it_anew(
     graph.until(lambda: abs(outputs.between()) > 0.1, sine(sequence=sequence))
 
 
+@pytest.mark.parametrize("notices", ["silence", "another commander", "stop"])
+def test_a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too(
+    graph: Graph, notices: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_stand_in(tmp_path, monkeypatch)
+    graph.start(backend="labjack_stream", calibration="output.yaml", calibration_folder=str(tmp_path),
+                library=str(build() / "libLabJackM.so"), lowest_frequency=1.0)  # fmt: skip
+    graph.until(lambda: graph.lifecycle == "active")
+    command = sine(sequence=graph.shakes(0))
+    drive = graph.node._drive
+    assert isinstance(drive, GuardedDrive)
+    assert drive._process is not None
+    monkeypatch.setattr(drive, "turn", lambda _now: drive._output)  # which would notice it within 50 ms
+    os.kill(drive._process.pid, signal.SIGKILL)
+    drive._process.wait()
+    if notices == "stop":
+        assert graph.call(Trigger, "stop", Trigger.Request()).success  # switched off by the node itself
+    elif notices == "another commander":
+        other = graph.add(Node("intruder", context=graph.context))
+        other.create_publisher(ExcitationCommand, "excitation/command", 10)
+    graph.until(lambda: graph.state.mode == ExcitationState.FAULT, None if notices == "silence" else command)
+    assert graph.lifecycle == "inactive"
+    assert "its process has ended; switched off" in graph.state.fault
+    if notices != "another commander":
+        monkeypatch.undo()
+        with_stand_in(tmp_path, monkeypatch)
+        graph.arm()
+        graph.shakes(command.sequence)
+
+
 def test_one_that_hangs_is_off_and_stays_off_when_it_goes_on(
     graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -265,10 +265,17 @@ class ExcitationNode(SupervisedNode):
         self._gate.void()
         if self._active and self._command is not OFF:
             self._command = OFF
-            self._drive.stop()
+            try:
+                self._drive.stop()
+            except OutputLostError as error:
+                self._lost(error)
 
     def _off(self) -> None:
-        self._drive.off()
+        try:
+            self._drive.off()
+        except OutputLostError as error:
+            self._lost(error)
+            raise
 
     def _statuses(self) -> list[DiagnosticStatus]:
         output = self._output
