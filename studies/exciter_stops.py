@@ -355,7 +355,8 @@ def tried(case: Case, stand: WatchedStand, device: Voltage | Support) -> Seen:
 
 def _latched(stand: WatchedStand) -> str:
     watch = stand.watch
-    latches = {"supervisor": watch.supervisor.stop, "motor": watch.ceiling.mode in (CeilingState.FAULT, CeilingState.DISARMED),
+    off = (CeilingState.FAULT, CeilingState.DISARMED)
+    latches = {"supervisor": watch.supervisor.stop, "motor": watch.ceiling.mode in off,
                "exciter": bool(watch.exciter.fault)}  # fmt: skip
     return ", ".join(name for name, latched in latches.items() if latched) or "nothing"
 

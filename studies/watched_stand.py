@@ -158,6 +158,7 @@ class Page:
         """Leave the page."""
         self._reading.cancel()
         self._loop.call_soon_threadsafe(self._stream.close)
+        self._do(lambda: asyncio.sleep(0.05))  # in which what reads it ends
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()

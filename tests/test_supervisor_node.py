@@ -256,6 +256,19 @@ def test_a_motor_that_goes_off_stops_the_exciter_and_arming_the_motor_does_not_s
     run.shakes(3)
 
 
+def test_a_motor_whose_board_does_not_answer_stops_the_exciter(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = start(excited=True)
+    armed(run)
+    stamp = run.motor.get_clock().now().to_msg()  # of the last state of a board that has hung
+    monkeypatch.setattr(run.motor, "_stamp_of", lambda _reading: stamp)
+    run.at_rest(1)
+    assert run.stopped("no answer of the motor's board for 0.4 s")
+    monkeypatch.undo()
+    assert run.call("rearm").success
+    assert run.call("rearm", "excitation_node").success
+    run.shakes(2)
+
+
 def test_a_motor_that_is_armed_again_at_once_was_off(start: Start) -> None:
     run = start(excited=True)
     armed(run)

@@ -18,6 +18,8 @@ from atpid_common.nodes.messages import STEADY
 MOTOR, EXCITER = "motor_node", "excitation_node"
 #: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
 _STATE, _STOP, _ARM, _SHOWN = 1.0, 1.5, 4.0, 1.0
+#: A motor's board that has not answered for so long has hung: a lost answer is asked for again sooner [s].
+_UNKNOWN = 0.4
 #: What it does once it is armed.
 _ARMED = {
     CeilingState.HOMING: "homing has begun",
@@ -75,15 +77,24 @@ class MotorRequests(DeviceRequests):
         self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
         self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
         self._state, self._armed = CeilingState(), Future()
+        self._answered, self._late = 0.0, False  # when its board answered last, and whether that is too long ago [s]
 
-    def on_state(self, state: CeilingState) -> str:
-        """Take a state of the ceiling. Return why the motor has just gone off, one line; empty: it has not."""
+    def on_state(self, state: CeilingState, now: float) -> str:
+        """Take a state of the ceiling at `now` [s]. Return why the motor has just gone off; empty: it has not.
+
+        A board that does not answer has perhaps: its last state is repeated then, with the stamp it had.
+        """
         before, self._state = self._state, state
+        if state.header.stamp != before.header.stamp or state.mode not in _ARMED:
+            self._answered = now
+        late, self._late = self._late, now - self._answered > _UNKNOWN
         if state.mode in _ARMED and not self._armed.done():
             self._armed.set_result(None)
         if state.mode == CeilingState.FAULT != before.mode:
             return f"motor off: {state.fault}"
-        return "motor off" if before.mode in _ARMED and state.mode not in _ARMED else ""
+        if state.mode in _ARMED:
+            return f"no answer of the motor's board for {_UNKNOWN:g} s" if self._late and not late else ""
+        return "motor off" if before.mode in _ARMED else ""
 
     async def answers(self) -> bool:
         """Return whether its node answers now."""

@@ -161,7 +161,7 @@ class SupervisorNode(Node):
 
     def _on_state(self, state: CeilingState) -> None:
         if not state.handshake:
-            off = self._motor.on_state(state)
+            off = self._motor.on_state(state, time.monotonic())
             if off and self._exciter:
                 self._stop(off)
             self._quantities.on_motor(state.mode in (CeilingState.HOMING, CeilingState.MOVING), time.monotonic())
