@@ -69,6 +69,14 @@ _ROWS = (
         OVER_DDS + "a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too",
     ),
     (
+        "what was commanded beside another is a new command",
+        GATE,
+        "self._decision, self._void = decision, self._beside",
+        "self._decision, self._void = decision, False",
+        "a second commander leaves, and it shakes by a command of before",
+        OVER_DDS + "what_was_commanded_beside_another_does_not_move_it_once_that_has_left",
+    ),
+    (
         "a command outlasts every stop",
         GATE,
         "        self._void = self._armed or self._settings.supervised\n",

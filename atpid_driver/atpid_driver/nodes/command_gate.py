@@ -42,6 +42,7 @@ class CommandGate:
         self._decision: object = None  # of the last command
         self._void = False  # it was made before the drive was armed, or its motion has been ended since
         self._number = 0  # of the last message of its publisher
+        self._beside = False  # another sender has been there since the last command: the next may be from before
         self._armed = False  # ever
         self._last_refused: object = None
         self.latencies = Latencies()  # from a sample to the receipt of the command that answers it
@@ -53,7 +54,9 @@ class CommandGate:
         """
         if self._settings.lockstep:
             return False
-        return bool(self._commander.judge(info.get("publication_sequence_number") or 0))
+        foreign = bool(self._commander.judge(info.get("publication_sequence_number") or 0))
+        self._beside = self._beside or (foreign and self._commander.several)
+        return foreign
 
     @property
     def several_senders(self) -> bool:
@@ -75,7 +78,8 @@ class CommandGate:
         self._late = self._freshness.age(stamp, time.monotonic_ns())
         before, self._number = self._number, info.get("publication_sequence_number") or 0
         if decision != self._decision or 0 < self._number <= before:
-            self._decision, self._void = decision, False
+            self._decision, self._void = decision, self._beside
+        self._beside = False
 
     def check_fresh(self, info: dict[str, int], now: int) -> None:
         """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.
