@@ -48,7 +48,8 @@ STALE, BLIND, WATCHDOG, DETECTED = 1.2, 2.0, 3.0, 0.3
 FROZEN, BELOW, ABOVE = 2.0, -10.5, 10.5
 #: Of the device that is away for a moment [s], and of a recorded signal that fills the connection [samples].
 _AWAY, _SAMPLES = 0.05, 100_000
-_START, _ANSWER = 240.0, 15.0
+#: A stand may take so long to start, a service to answer, and a person to try again [s].
+_START, _ANSWER, _PATIENCE = 240.0, 15.0, 3.0
 NODES = ("supervisor", "motor", "excitation", "labjack", "identifier", "selector", "recorder")
 _OUTPUT, _DEVICES = "excitation_node's output process", ("labjack_dac", "labjack_stream", "nidaqmx")
 
@@ -216,6 +217,19 @@ def _moving(stand: WatchedStand) -> None:
     )  # fmt: skip
 
 
+def _at_rest(stand: WatchedStand) -> None:
+    """Wait until the ceiling has been at rest for longer than it may coast."""
+    moved = time.monotonic()
+
+    def rests() -> bool:
+        nonlocal moved
+        if stand.watch.ceiling.mode != CeilingState.HOLDING:
+            moved = time.monotonic()
+        return time.monotonic() - moved > 2.0 * DETECTED
+
+    stand.until(rests, _START, "the ceiling rests")
+
+
 def _sent_to(stand: WatchedStand) -> None:
     """Let the output's process hang, and command what does not fit into the connection to it."""
     os.kill(_output_process(stand), signal.SIGSTOP)
@@ -237,7 +251,7 @@ def _way(name: str, allowed: float = AT_ONCE) -> Case:
 def _motor(fault: str, *values: str, detected: float = DETECTED, mend: Sequence[str] = (), moving: bool = False) -> Row:
     # an eccentric drive has one amplitude, at which the ceiling stays
     backends = tuple(one for one in BACKENDS if not moving or one != "labjack_dac")
-    case = Case(fault, _do(_set(*values)), AT_ONCE + detected, _set(*mend), _moving if moving else _nothing,
+    case = Case(fault, _do(_set(*values)), AT_ONCE + detected, _set(*mend), _moving if moving else _at_rest,
                 backends=backends)  # fmt: skip
     return Row(f"motor fault {fault}", [case])
 
@@ -298,8 +312,8 @@ ROWS = (
 def command(stand: WatchedStand, amplitude: float = LARGE, **values: Any) -> None:
     """Command something new, which is repeated from now on."""
     only = stand.exciter == "labjack_dac"
-    values = {"kind": ExcitationCommand.SINE, "frequency": FREQUENCY} | ({} if only else values)
-    stand.watch.decide(amplitude=DISC if only else amplitude, **values)
+    kind = ExcitationCommand.SINE if only else values.pop("kind", ExcitationCommand.SINE)
+    stand.watch.decide(amplitude=DISC if only else amplitude, kind=kind, frequency=FREQUENCY, **values)
 
 
 def _shakes(stand: WatchedStand) -> bool:
@@ -369,6 +383,9 @@ def _gone_on(stand: WatchedStand, case: Case) -> str:
             continue
         if drive:
             done.append({"excitation_node": "arm exciter", "supervisor_node": "arm motor"}[drive])
+        end = time.monotonic() + _PATIENCE  # a node that has opened its device has not answered meanwhile
+        while not stand.watch.supervisor.permit and time.monotonic() < end:
+            stand.spin()
         command(stand, hold=case.hold)
         end = time.monotonic() + AGAIN
         while not _shakes(stand) and time.monotonic() < end:
@@ -380,7 +397,7 @@ def _gone_on(stand: WatchedStand, case: Case) -> str:
 
 def _asked(stand: WatchedStand, name: str) -> bool:
     """Call a service until it succeeds, as a person would who reads why it does not; return whether it has."""
-    end = time.monotonic() + (_ANSWER if name.startswith("supervisor") else 3.0)
+    end = time.monotonic() + (_ANSWER if name.startswith("supervisor") else _PATIENCE)
     while time.monotonic() < end:
         answer = stand.call(Trigger, name, _TRIGGER)
         stand.until(lambda answer=answer: answer() is not None, _ANSWER, name)  # type: ignore[misc]

@@ -280,7 +280,8 @@ def test_what_was_commanded_beside_another_does_not_move_it_once_that_has_left(g
     graph.operator.destroy_publisher(graph.commands)  # the commander starts again meanwhile
     graph.commands = graph.operator.create_publisher(ExcitationCommand, "excitation/command", 10)
     graph.until(graph.commands.get_subscription_count)
-    graph.send(sine())
+    refused = graph.node._gate._commander.refused
+    graph.until(lambda: graph.node._gate._commander.refused > refused, sine())
     graph.executor.remove_node(intruder)
     intruder.destroy_node()
     graph.until(lambda: graph.node.count_publishers("excitation/command") == 1)

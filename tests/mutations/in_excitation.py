@@ -71,7 +71,7 @@ _ROWS = (
     (
         "what was commanded beside another is a new command",
         GATE,
-        "self._decision, self._void = decision, self._beside",
+        "self._decision, self._void = decision, decision in self._beside",
         "self._decision, self._void = decision, False",
         "a second commander leaves, and it shakes by a command of before",
         OVER_DDS + "what_was_commanded_beside_another_does_not_move_it_once_that_has_left",

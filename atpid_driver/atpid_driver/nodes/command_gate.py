@@ -7,6 +7,7 @@ decision, however often it is repeated, and one that was made before the drive w
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
 
 from atpid_interfaces.msg import Event
@@ -42,12 +43,12 @@ class CommandGate:
         self._decision: object = None  # of the last command
         self._void = False  # it was made before the drive was armed, or its motion has been ended since
         self._number = 0  # of the last message of its publisher
-        self._beside = False  # another sender has been there since the last command: the next may be from before
+        self._beside = deque[object](maxlen=64)  # decisions that were repeated beside another sender
         self._armed = False  # ever
         self._last_refused: object = None
         self.latencies = Latencies()  # from a sample to the receipt of the command that answers it
 
-    def is_foreign(self, info: dict[str, int]) -> bool:
+    def is_foreign(self, info: dict[str, int], decision: object) -> bool:
         """Return whether it is not certain that the sender may command.
 
         To be asked first: a foreign command must leave no trace, such as its stamp.
@@ -55,7 +56,8 @@ class CommandGate:
         if self._settings.lockstep:
             return False
         foreign = bool(self._commander.judge(info.get("publication_sequence_number") or 0))
-        self._beside = self._beside or (foreign and self._commander.several)
+        if foreign and self._commander.several:
+            self._beside.append(decision)
         return foreign
 
     @property
@@ -78,8 +80,8 @@ class CommandGate:
         self._late = self._freshness.age(stamp, time.monotonic_ns())
         before, self._number = self._number, info.get("publication_sequence_number") or 0
         if decision != self._decision or 0 < self._number <= before:
-            self._decision, self._void = decision, self._beside
-        self._beside = False
+            self._decision, self._void = decision, decision in self._beside
+        self._beside.clear()
 
     def check_fresh(self, info: dict[str, int], now: int) -> None:
         """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.

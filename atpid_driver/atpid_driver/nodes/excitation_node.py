@@ -130,9 +130,9 @@ class ExcitationNode(SupervisedNode):
         self._drive.close()
 
     def _on_command(self, message: ExcitationCommand, info: dict[str, int]) -> None:
-        if self._is_foreign(message.amplitude, info):
-            return
         decision = repr([getattr(message, name) for name in DECIDED])
+        if self._is_foreign(message.amplitude, info, decision):
+            return
         self._gate.receive(nanoseconds_of(message.header.stamp), info, decision)
         try:
             command = command_of(message)

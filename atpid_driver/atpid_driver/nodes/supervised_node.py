@@ -103,9 +103,9 @@ class SupervisedNode(DeviceNode):
             raise NotReadyError(f"{what} not taken up: {self._permit.reason}")
         self._gate.check_fresh(info, self._now())
 
-    def _is_foreign(self, value: float, info: dict[str, int]) -> bool:
+    def _is_foreign(self, value: float, info: dict[str, int], decision: object = None) -> bool:
         """Return whether a command, of `value`, is not of the sender that is followed; beside another nothing moves."""
-        if not self._gate.is_foreign(info):
+        if not self._gate.is_foreign(info, decision):
             return False
         if self._gate.several_senders:
             self._halt()
