@@ -312,8 +312,8 @@ ROWS = (
 def command(stand: WatchedStand, amplitude: float = LARGE, **values: Any) -> None:
     """Command something new, which is repeated from now on."""
     only = stand.exciter == "labjack_dac"
-    kind = ExcitationCommand.SINE if only else values.pop("kind", ExcitationCommand.SINE)
-    stand.watch.decide(amplitude=DISC if only else amplitude, kind=kind, frequency=FREQUENCY, **values)
+    values = {"kind": ExcitationCommand.SINE} | values | ({"kind": ExcitationCommand.SINE} if only else {})
+    stand.watch.decide(amplitude=DISC if only else amplitude, frequency=FREQUENCY, **values)
 
 
 def _shakes(stand: WatchedStand) -> bool:

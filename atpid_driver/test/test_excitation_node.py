@@ -254,7 +254,9 @@ def test_a_command_that_is_repeated_by_another_publisher_is_a_new_one(graph: Gra
         graph.until(lambda: graph.state.mode == ExcitationState.OFF)
         graph.stays_off(sine())
         graph.operator.destroy_publisher(graph.commands)
+        ended = time.monotonic()
         graph.until(lambda: graph.node.count_publishers("excitation/command") == 0)
+        graph.until(lambda ended=ended: time.monotonic() - ended > 0.5)  # type: ignore[misc]
         graph.commands = graph.operator.create_publisher(ExcitationCommand, "excitation/command", 10)
         graph.until(graph.commands.get_subscription_count)
 

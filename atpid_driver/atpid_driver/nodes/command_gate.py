@@ -7,8 +7,8 @@ decision, however often it is repeated, and one that was made before the drive w
 """
 
 import time
-from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,6 +19,21 @@ from atpid_driver.motor.errors import CommandStaleError
 from atpid_driver.motor.freshness import Freshness
 from atpid_driver.nodes.authority import Commander
 from atpid_driver.settings import SupervisedSettings
+
+#: So many decisions that are void are known; each goes on being repeated, or is forgotten first.
+_MOST_VOIDED = 64
+
+
+class _Seen(NamedTuple):
+    """When a decision came last, steady [s], as which message of its publisher; 0: that is not known."""
+
+    at: float
+    number: int
+
+
+def number_of(info: dict[str, int]) -> int:
+    """Return the publisher's own count of its messages; 0: the middleware has none."""
+    return info.get("publication_sequence_number") or 0
 
 
 class CommandGate:
@@ -40,10 +55,8 @@ class CommandGate:
         self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)
         self._freshness = Freshness()
         self._late = 0.0  # of the last command [s]
-        self._decision: object = None  # of the last command
-        self._void = False  # it was made before the drive was armed, or its motion has been ended since
-        self._number = 0  # of the last message of its publisher
-        self._beside = deque[object](maxlen=64)  # decisions that were repeated beside another sender
+        self._last: tuple[object, _Seen] | None = None  # the last decision
+        self._voided: dict[object, _Seen] = {}  # those that were made before a stop
         self._armed = False  # ever
         self._last_refused: object = None
         self.latencies = Latencies()  # from a sample to the receipt of the command that answers it
@@ -55,9 +68,9 @@ class CommandGate:
         """
         if self._settings.lockstep:
             return False
-        foreign = bool(self._commander.judge(info.get("publication_sequence_number") or 0))
-        if foreign and self._commander.several:
-            self._beside.append(decision)
+        foreign = bool(self._commander.judge(number_of(info)))
+        if foreign and (self._commander.several or decision in self._voided):
+            self._remember(decision, _Seen(time.monotonic(), number_of(info)))
         return foreign
 
     @property
@@ -74,14 +87,18 @@ class CommandGate:
     def receive(self, stamp: int, info: dict[str, int], decision: object) -> None:
         """Take the `stamp` [ns] of a command that is to be followed, and the middleware's `info` about it.
 
-        decision: what is commanded, equal for commands that repeat one decision; another publisher makes a new one.
+        decision: what is commanded, equal for commands that repeat one decision. One that was voided may be made anew
+        by a program that has been started since, after it has not come for `stale_timeout`.
         """
         self.latencies.add(info.get("received_timestamp", 0) - stamp)
         self._late = self._freshness.age(stamp, time.monotonic_ns())
-        before, self._number = self._number, info.get("publication_sequence_number") or 0
-        if decision != self._decision or 0 < self._number <= before:
-            self._decision, self._void = decision, decision in self._beside
-        self._beside.clear()
+        seen, before = _Seen(time.monotonic(), number_of(info)), self._voided.get(decision)
+        self._last = decision, seen
+        if before is not None:
+            anew = 0 < seen.number <= before.number and seen.at - before.at > self._settings.stale_timeout
+            del self._voided[decision]
+            if not anew:
+                self._voided[decision] = seen
 
     def check_fresh(self, info: dict[str, int], now: int) -> None:
         """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.
@@ -99,9 +116,9 @@ class CommandGate:
                 "(command_timeout)"
             )
         if self._freshness.before_armed(waited, now):
-            self._void = True
+            self.void()
             raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before it was armed")
-        if self._void:
+        if self._last is not None and self._last[0] in self._voided:
             raise CommandStaleError(
                 "command ignored: it is older than the last stop, however often it is repeated; give a new one, with "
                 "another sequence"
@@ -109,7 +126,14 @@ class CommandGate:
 
     def void(self) -> None:
         """Ignore repetitions of the last command: what it moved has been ended."""
-        self._void = True
+        if self._last is not None and self._last[0] not in self._voided:
+            self._remember(*self._last)
+
+    def _remember(self, decision: object, seen: _Seen) -> None:
+        """Keep a decision that is void, and the newest others."""
+        self._voided[decision] = seen
+        if len(self._voided) > _MOST_VOIDED:
+            del self._voided[next(iter(self._voided))]
 
     def accepted(self) -> None:
         """Report the next refusal again: a command has been taken up."""
@@ -126,7 +150,8 @@ class CommandGate:
         """Note that it was armed at `now` [ns]: what was commanded before must not move it."""
         self._freshness.armed(now)
         # one that starts by itself on a bench has been stopped by nobody; on a stand that is not known
-        self._void = self._armed or self._settings.supervised
+        if self._armed or self._settings.supervised:
+            self.void()
         self._armed = True
 
     def restart(self) -> None:
