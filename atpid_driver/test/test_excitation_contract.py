@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
@@ -291,6 +292,22 @@ def test_a_disc_has_one_amplitude_which_nothing_corrects(tmp_path: Path, librari
         assert rig.drive.turn(time.monotonic_ns()).amplitude == 0.01
         time.sleep(0.02)
     rig.drive.close()
+
+
+def test_a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back(
+    real: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guarded, "_RESCUE", 20.0)  # this machine may have other work
+    real.run()
+    control = Control(real.folder / "control")
+    control.unplug()
+    back = threading.Timer(0.3, control.replug)
+    back.start()
+    with pytest.raises(OutputLostError, match="switched off"):
+        real.turn_until(lambda _output: False)
+    back.join()
+    assert real.at_rest
+    control.close()
 
 
 @pytest.mark.timeout(120)  # one that is not noticed is waited for without end

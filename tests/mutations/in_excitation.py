@@ -103,8 +103,8 @@ _ROWS = (
     (
         "a command that was repeated is new",
         GATE,
-        "            if not anew:",
-        "            if False:",
+        "            self._remember(decision, seen)\n\n",
+        "            del self._voided[decision]\n\n",
         "the same",
         LATCHED,
     ),
@@ -119,8 +119,8 @@ _ROWS = (
     (
         "a program that is started again is not followed",
         GATE,
-        "0 < seen.number <= before.number and seen.at - before.at > self._settings.stale_timeout",
-        "False",
+        "if 0 < seen.number <= before.number and",
+        "if False and",
         "a person starts the commander anew and nothing happens",
         OVER_DDS + "a_command_that_is_repeated_by_another_publisher_is_a_new_one",
     ),
@@ -480,6 +480,14 @@ _ROWS = (
         "    if not 0.0",
         "a voltage that is none",
         NO_SIGNAL,
+    ),
+    (
+        "it is tried once to switch off",
+        ROOM + "guarded.py",
+        "while not problem or time.monotonic() < end:",
+        "while not problem:",
+        "a plug that is loose for a moment leaves the shaker on until the watchdog acts",
+        CONTRACT + "a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back",
     ),
     (
         "sent to for ever",

@@ -28,6 +28,8 @@ from atpid_driver.excitation.settings import ExcitationSettings
 _START, _OPEN = 120.0, 15.0
 #: Until it has taken a request, has answered one, and has confirmed a stop beyond the ramp [s].
 _SEND, _ANSWER, _CONFIRM = 0.2, 0.25, 0.5
+#: For so long it is tried again to switch off a device that does not answer, and so often: it may be back at once [s].
+_RESCUE, _AGAIN = 0.3, 0.05
 
 
 class GuardedDrive(ExcitationDrive):
@@ -143,15 +145,20 @@ class GuardedDrive(ExcitationDrive):
 
     def _rescue(self) -> str:
         """Switch the output off from this process; return in words whether it is."""
-        outlet = OUTLETS[self._settings.backend](self._settings, self._calibration)
-        try:
-            outlet.open()
-            outlet.close()
-        except DriverError as error:
-            own = self._settings.backend != "nidaqmx"
-            then = f"the T7's watchdog acts after {self._settings.watchdog} s" if own else "cut the amplifier's supply"
-            return f"off not confirmed ({error}); {then}"
-        return "switched off"
+        end, problem = time.monotonic() + _RESCUE, ""
+        while not problem or time.monotonic() < end:
+            outlet = OUTLETS[self._settings.backend](self._settings, self._calibration)
+            try:
+                outlet.open()
+                outlet.close()
+            except DriverError as error:
+                problem = str(error)
+                time.sleep(_AGAIN)
+            else:
+                return "switched off"
+        own = self._settings.backend != "nidaqmx"
+        then = f"the T7's watchdog acts after {self._settings.watchdog} s" if own else "cut the amplifier's supply"
+        return f"off not confirmed ({problem}); {then}"
 
 
 def _limit_sending(partner: Connection, seconds: float) -> None:

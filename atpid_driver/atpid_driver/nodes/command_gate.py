@@ -94,11 +94,12 @@ class CommandGate:
         self._late = self._freshness.age(stamp, time.monotonic_ns())
         seen, before = _Seen(time.monotonic(), number_of(info)), self._voided.get(decision)
         self._last = decision, seen
-        if before is not None:
-            anew = 0 < seen.number <= before.number and seen.at - before.at > self._settings.stale_timeout
+        if before is None:
+            return
+        if 0 < seen.number <= before.number and seen.at - before.at > self._settings.stale_timeout:
             del self._voided[decision]
-            if not anew:
-                self._voided[decision] = seen
+        else:
+            self._remember(decision, seen)
 
     def check_fresh(self, info: dict[str, int], now: int) -> None:
         """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.
@@ -130,7 +131,8 @@ class CommandGate:
             self._remember(*self._last)
 
     def _remember(self, decision: object, seen: _Seen) -> None:
-        """Keep a decision that is void, and the newest others."""
+        """Keep a decision that is void, and those others that came last."""
+        self._voided.pop(decision, None)
         self._voided[decision] = seen
         if len(self._voided) > _MOST_VOIDED:
             del self._voided[next(iter(self._voided))]
