@@ -41,24 +41,32 @@ class GuardedDrive(ExcitationDrive):
         self._calibration = calibration_of(settings, folder)
         self._process: subprocess.Popen[bytes] | None = None
         self._partner: Connection | None = None
+        self._spare: tuple[subprocess.Popen[bytes], Connection] | None = None  # that has opened nothing
         self._asked: float | None = None  # steady time of the first request for a state that is not answered [s]
         self._output = Output(ExciterMode.UNCONFIGURED)
 
     def connect(self) -> str:
         """See ExcitationDrive."""
+        spare, self._spare = self._spare, None
         self.close()
-        load_library(self._settings)  # `_rescue` must not wait for it
-        self._partner, theirs = Pipe()
-        _limit_sending(self._partner, _SEND)
-        program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
-        with theirs:
-            self._process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
-        self._send((self._settings, self._calibration))
+        self._process, self._partner = spare or self._started()
         self._output, self._asked = Output(ExciterMode.OFF), None
         self._wait("started", _START)
         with suppress(OSError):  # the node's own priority, which a process that it starts has not
             os.sched_setscheduler(self._process.pid, os.sched_getscheduler(0), os.sched_getparam(0))
+        self._send("open")
         return str(self._wait("identity", _OPEN))
+
+    def _started(self) -> tuple[subprocess.Popen[bytes], Connection]:
+        """Start a process of the output, which opens its device on request: its libraries take a second to load."""
+        load_library(self._settings)  # `_rescue` must not wait for it
+        ours, theirs = Pipe()
+        _limit_sending(ours, _SEND)
+        program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
+        with theirs:
+            process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
+        ours.send((self._settings, self._calibration))
+        return process, ours
 
     def turn(self, _now: int, /) -> Output:
         """See ExcitationDrive: the last state that was received, and a request for the next."""
@@ -81,6 +89,12 @@ class GuardedDrive(ExcitationDrive):
 
     def close(self) -> None:
         """See ExcitationDrive."""
+        if self._spare is not None:
+            spare, partner = self._spare
+            self._spare = None
+            partner.close()
+            spare.kill()  # it has opened nothing
+            spare.wait()
         process = self._release(ExciterMode.UNCONFIGURED)
         if process is None:
             return
@@ -141,7 +155,9 @@ class GuardedDrive(ExcitationDrive):
         if process is not None:
             process.kill()
             process.wait()
-        return OutputLostError(f"output of {self._settings.terminal}: {reason}; {self._rescue()}")
+        error = OutputLostError(f"output of {self._settings.terminal}: {reason}; {self._rescue()}")
+        self._spare = self._spare or self._started()  # so that it is armed at once when a person asks for it
+        return error
 
     def _rescue(self) -> str:
         """Switch the output off from this process; return in words whether it is."""

@@ -39,10 +39,14 @@ class Process:
         self._output = Output(ExciterMode.OFF)
 
     def run(self) -> None:
-        """Open the device, and run until the connection has ended and the output is off. Raises DriverError."""
+        """Open the device on request, and run until the connection has ended and the output is off.
+
+        Raises DriverError, and EOFError where the connection ends before.
+        """
         try:
             load_library(self._settings)  # which takes long on a busy machine, and shows nothing about the device
             self._answer("started")
+            self._partner.recv()  # until it is to be opened
             self._answer("identity", self._outlet.open())
             due = time.monotonic()
             while not self._ended:
@@ -101,6 +105,8 @@ def main() -> int:
     partner = Connection(int(sys.argv[1]))
     try:
         Process(partner, *partner.recv()).run()
+    except EOFError:  # the node has ended before
+        return 0
     except DriverError as error:
         partner.send(("error", str(error)))
         return 1

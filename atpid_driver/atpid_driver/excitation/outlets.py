@@ -290,7 +290,11 @@ class NiStream(_Streamed):
         """Return a task of the output, and its writer."""
         writers: Any = importlib.import_module("nidaqmx.stream_writers")
         task, (low, high) = self._nidaqmx.Task(), self._calibration.limits_volts
-        task.ao_channels.add_ao_voltage_chan(self._settings.terminal, min_val=low, max_val=high)
+        try:
+            task.ao_channels.add_ao_voltage_chan(self._settings.terminal, min_val=low, max_val=high)
+        except Exception:
+            task.close()
+            raise
         writer = writers.AnalogSingleChannelWriter(task.out_stream)
         writer.verify_array_shape = False
         return task, writer
