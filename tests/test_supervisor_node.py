@@ -262,7 +262,7 @@ def test_a_motor_whose_board_does_not_answer_stops_the_exciter(start: Start, mon
     stamp = run.motor.get_clock().now().to_msg()  # of the last state of a board that has hung
     monkeypatch.setattr(run.motor, "_stamp_of", lambda _reading: stamp)
     run.at_rest(1)
-    assert run.stopped("no answer of the motor's board for 0.4 s")
+    assert run.stopped("no answer of the motor's board for 0.35 s")
     monkeypatch.undo()
     assert run.call("rearm").success
     assert run.call("rearm", "excitation_node").success

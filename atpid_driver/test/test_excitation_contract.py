@@ -311,10 +311,11 @@ def test_a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back(
 
 
 @pytest.mark.timeout(120)  # one that is not noticed is waited for without end
-def test_a_process_that_hangs_while_it_is_sent_to_is_noticed(real: Rig) -> None:
+def test_a_process_that_hangs_while_it_is_sent_to_is_noticed(real: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     if real.settings.backend == "labjack_dac":
         return  # it takes no samples
     real.run()
+    monkeypatch.setattr(guarded, "_ANSWER", 0.25)
     assert isinstance(real.drive, GuardedDrive)
     assert real.drive._process is not None
     os.kill(real.drive._process.pid, signal.SIGSTOP)

@@ -492,7 +492,7 @@ _ROWS = (
     (
         "sent to for ever",
         ROOM + "guarded.py",
-        "        _limit_sending(self._partner, _SEND)\n",
+        "            _limit_sending(self._partner, max(_LEAST, asked + _ANSWER - time.monotonic()))\n",
         "",
         "a process that hangs while it is sent to holds node and shaker",
         CONTRACT + "a_process_that_hangs_while_it_is_sent_to_is_noticed",
@@ -673,8 +673,8 @@ MUTATIONS = (
     _in(
         "nothing is switched off for a lost process",
         ROOM + "guarded.py",
-        "            outlet.open()\n            outlet.close()",
-        "            pass",
+        "                outlet.open()\n                outlet.close()",
+        "                pass",
         "a killed process leaves the shaker on",
         LOST,
     ),

@@ -19,7 +19,7 @@ MOTOR, EXCITER = "motor_node", "excitation_node"
 #: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
 _STATE, _STOP, _ARM, _SHOWN = 1.0, 1.5, 4.0, 1.0
 #: A motor's board that has not answered for so long has hung: a lost answer is asked for again sooner [s].
-_UNKNOWN = 0.4
+_UNKNOWN = 0.35
 #: What it does once it is armed.
 _ARMED = {
     CeilingState.HOMING: "homing has begun",

@@ -21,13 +21,16 @@ from typing import Any
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_driver.excitation.drive import ExcitationDrive, Output, OutputLostError
+from atpid_driver.excitation.limits import Command
 from atpid_driver.excitation.outlets import OUTLETS, calibration_of, load_library
 from atpid_driver.excitation.settings import ExcitationSettings
 
 #: Until its process runs, which a busy machine may delay for long, and until the device has been opened then [s].
 _START, _OPEN = 120.0, 15.0
-#: Until it has taken a request, has answered one, and has confirmed a stop beyond the ramp [s].
-_SEND, _ANSWER, _CONFIRM = 0.2, 0.25, 0.5
+#: Until it has answered a request, which it may not have taken yet, and has confirmed a stop beyond the ramp [s].
+_ANSWER, _CONFIRM = 0.25, 0.5
+#: One that may have been late only because of this node has so long to take a request [s].
+_LEAST = 0.02
 #: For so long it is tried again to switch off a device that does not answer, and so often: it may be back at once [s].
 _RESCUE, _AGAIN = 0.3, 0.05
 
@@ -61,7 +64,6 @@ class GuardedDrive(ExcitationDrive):
         """Start a process of the output, which opens its device on request: its libraries take a second to load."""
         load_library(self._settings)  # `_rescue` must not wait for it
         ours, theirs = Pipe()
-        _limit_sending(ours, _SEND)
         program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
         with theirs:
             process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
@@ -70,14 +72,21 @@ class GuardedDrive(ExcitationDrive):
 
     def turn(self, _now: int, /) -> Output:
         """See ExcitationDrive: the last state that was received, and a request for the next."""
-        while self._partner is not None and self._partner.poll():
-            self._receive()
+        self._read()
         if self._asked is not None and time.monotonic() - self._asked > _ANSWER:
             raise self._lost("it does not answer")
+        self._ask()
+        return self._output
+
+    def follow(self, command: Command) -> None:
+        """See ExcitationDrive. It is asked before for its state: to make a signal takes time in which it may hang."""
+        self._ask()
+        super().follow(command)
+
+    def _ask(self) -> None:
         if self._partner is not None:
             self._asked = self._asked or time.monotonic()
             self._act("state")
-        return self._output
 
     def off(self) -> None:
         """See ExcitationDrive."""
@@ -109,14 +118,22 @@ class GuardedDrive(ExcitationDrive):
         self._send((method, arguments))
 
     def _send(self, request: object) -> None:
+        self._read()
         if self._partner is None:
             return
+        asked = time.monotonic() if self._asked is None else self._asked
         try:
+            _limit_sending(self._partner, max(_LEAST, asked + _ANSWER - time.monotonic()))
             self._partner.send(request)
         except BlockingIOError:
             raise self._lost("it takes no request") from None
         except OSError:
             raise self._lost("its process has ended") from None
+
+    def _read(self) -> None:
+        """Take the answers that have come."""
+        while self._partner is not None and self._partner.poll():
+            self._receive()
 
     def _receive(self) -> tuple[str, Any]:
         """Return the next answer; a state is kept. Raises OutputLostError."""
@@ -179,6 +196,7 @@ class GuardedDrive(ExcitationDrive):
 
 def _limit_sending(partner: Connection, seconds: float) -> None:
     """Let what is sent fail with BlockingIOError where the partner does not read for `seconds` [s]."""
+    limit = struct.pack("ll", *divmod(round(1e6 * seconds), 1_000_000))
     with socket.socket(fileno=partner.fileno()) as ours:
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", 0, round(1e6 * seconds)))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
         ours.detach()
