@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 from atpid_common.arguments import file_path, text
 from atpid_common.errors import DONE, NUMERICAL_FAILURE, InputError
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
+from atpid_control.stand.errors import BenchError
 from atpid_driver.standins.control import Control
 from atpid_driver.standins.outputs import Outputs
 from studies.stop_chain import AFTER_SILENCE, AT_ONCE, WAYS, Act, into, service
@@ -429,10 +430,19 @@ def measured(rows: Sequence[Row], backend: str) -> Iterator[Seen]:
             for case in row.cases:
                 if backend not in case.backends:
                     continue
-                if stand is None:
-                    stand, device = _begun(stack.enter_context(watched_stand(exciter=backend)))
-                    stack.callback(device.close)
-                seen = tried(case, stand, device)
+                for again in (True, False):
+                    try:
+                        if stand is None:
+                            stand, device = _begun(stack.enter_context(watched_stand(exciter=backend)))
+                            stack.callback(device.close)
+                        seen = tried(case, stand, device)
+                        break
+                    except BenchError as error:
+                        if not again:
+                            raise
+                        print(f"{backend}, {case.name}: tried again, since {error}", flush=True)
+                        stack.close()
+                        stand = None
                 row.seen[backend].append(seen)
                 yield seen
                 if case.ends:
