@@ -261,6 +261,22 @@ def test_a_command_that_is_repeated_by_another_publisher_is_a_new_one(graph: Gra
         graph.until(graph.commands.get_subscription_count)
 
 
+def test_a_program_that_is_started_again_at_once_and_hangs_is_no_person(graph: Graph) -> None:
+    graph.start(stale_timeout=0.3)
+    graph.run(sine())
+    seen = len(graph.states)
+    graph.until(lambda: len(graph.states) > seen + 40, sine())  # more messages than come from the second one
+    graph.operator.destroy_publisher(graph.commands)
+    graph.commands = graph.operator.create_publisher(ExcitationCommand, "excitation/command", 10)
+    graph.until(graph.commands.get_subscription_count)
+    refused = graph.node._gate._commander.refused
+    graph.until(lambda: graph.node._gate._commander.refused > refused, sine())  # its count begins anew
+    hangs = time.monotonic()
+    graph.until(lambda: graph.state.mode == ExcitationState.OFF and time.monotonic() - hangs > 1.0)
+    graph.stays_off(sine())
+    graph.run(sine(sequence=2))
+
+
 def test_two_commanders_end_it(graph: Graph) -> None:
     graph.start()
     graph.run(sine())

@@ -77,6 +77,14 @@ _ROWS = (
         OVER_DDS + "what_was_commanded_beside_another_does_not_move_it_once_that_has_left",
     ),
     (
+        "what a program commanded that was started again is new after a pause",
+        GATE,
+        "            self._last = decision, seen\n        if foreign and (",
+        "            pass\n        if foreign and (",
+        "a commander that was started again, and hung, goes on, and it shakes",
+        OVER_DDS + "a_program_that_is_started_again_at_once_and_hangs_is_no_person",
+    ),
+    (
         "a command outlasts every stop",
         GATE,
         "        if self._armed or self._settings.supervised:\n            self.void()\n",

@@ -64,13 +64,16 @@ class CommandGate:
     def is_foreign(self, info: dict[str, int], decision: object) -> bool:
         """Return whether it is not certain that the sender may command.
 
-        To be asked first: a foreign command must leave no trace, such as its stamp.
+        To be asked first: a foreign command must leave no trace, such as its stamp, but that its decision came.
         """
         if self._settings.lockstep:
             return False
         foreign = bool(self._commander.judge(number_of(info)))
+        seen = _Seen(time.monotonic(), number_of(info))
+        if foreign and self._last is not None and decision == self._last[0]:
+            self._last = decision, seen
         if foreign and (self._commander.several or decision in self._voided):
-            self._remember(decision, _Seen(time.monotonic(), number_of(info)))
+            self._remember(decision, seen)
         return foreign
 
     @property
