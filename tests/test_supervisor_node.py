@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import BLOCKS, STATES
+from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.nodes.supervisor_node import SupervisorNode
@@ -254,6 +254,18 @@ def test_a_motor_that_goes_off_stops_the_exciter_and_arming_the_motor_does_not_s
     assert run.call("rearm", "excitation_node").success
     run.at_rest(2)  # armed since, but older than that
     run.shakes(3)
+
+
+def test_a_stop_lasts_until_every_drive_has_seen_it(start: Start) -> None:
+    run = start(excited=True)
+    armed(run)
+    before = len(run.states)
+    assert run.call("stop").success
+    assert run.call("rearm").success
+    stamps = [(nanoseconds_of(state.header.stamp) * 1e-9, state.permit) for state in run.states[before:]]
+    stopped = next(at for at, permit in stamps if not permit)
+    assert next(at for at, permit in stamps if permit and at > stopped) - stopped > 0.3
+    run.at_rest(1)
 
 
 def test_a_motor_whose_board_does_not_answer_stops_the_exciter(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,6 +45,14 @@ _ROWS = (
         SUPERVISES + "a_motor_that_is_armed_again_at_once_was_off",
     ),
     (
+        "armed at once after a stop",
+        CONTROL + "supervisor_node.py",
+        "        await self._motor.pause(self._stopped_at + STOP_LASTS - time.monotonic())\n",
+        "",
+        "an exciter that hung for a moment runs on, since it has not seen the stop",
+        SUPERVISES + "a_stop_lasts_until_every_drive_has_seen_it",
+    ),
+    (
         "a board that has hung is one that answers",
         CONTROL + "motor_requests.py",
         "now - self._answered > _UNKNOWN",

@@ -43,6 +43,11 @@ class DeviceRequests:
             return f"{self._name} does not answer"
         return "" if answer.success else str(answer.message)
 
+    async def pause(self, seconds: float) -> None:
+        """Wait for so long [s]; not at all where that is negative."""
+        if seconds > 0.0:
+            await self._within(Future(), seconds)
+
     async def _answer(self, client: Client, request: Any, limit: float) -> Any:
         """Return the answer; None where there is none within `limit` [s]."""
         if limit <= 0.0 or not client.service_is_ready():

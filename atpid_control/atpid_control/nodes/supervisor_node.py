@@ -42,6 +42,8 @@ from atpid_control.supervision.states import Situation, Supervision
 TURN = 0.05
 #: How long the last state and events may take to reach those who have subscribed, one of whom may hang [s].
 _DELIVERY = 1.0
+#: No drive is armed sooner after a stop: one that hangs for less has seen it, and one that hangs for longer is off [s].
+STOP_LASTS = 0.35
 SENSORS = ("sensors/laser", "sensors/accelerometer")
 LEVELS = {
     RunState.READY: DiagnosticStatus.OK,
@@ -77,7 +79,7 @@ class SupervisorNode(Node):
         self._questions = NodeQuestions(self, self._answers)
         self._motor = MotorRequests(self)
         self._exciter = DeviceRequests(self, EXCITER) if EXCITER in self._answers.nodes else None
-        self._stops = 0  # requests and causes to stop so far
+        self._stops, self._stopped_at = 0, 0.0  # requests and causes to stop so far; steady time of the last one [s]
         self._check = LoopChecker(self, self._answers.nodes, self._values["scene"], self._values["check_time"])
         for topic in SENSORS:
             subscribe(self, SampleBlock, topic, self._on_block, BLOCKS)
@@ -174,7 +176,7 @@ class SupervisorNode(Node):
         self._events.publish(Event.ALARM, Event.ABORT, f"{passed}: motor off", passed.value)
 
     def _stop(self, reason: str) -> None:
-        self._stops += 1
+        self._stops, self._stopped_at = self._stops + 1, time.monotonic()
         if self._supervision.stop(reason):
             self._publish(time.monotonic())  # now: the motor need not wait for the next turn
 
@@ -197,6 +199,7 @@ class SupervisorNode(Node):
         Where the motor does not confirm that it is armed, the run is stopped: nothing may arm or move it later.
         """
         stops = self._stops
+        await self._motor.pause(self._stopped_at + STOP_LASTS - time.monotonic())
         answers = await self._motor.answers()  # one that hangs must not find the request when it goes on
         text = self._rearm_refusal(answers, stops)
         response.success = not text
