@@ -303,7 +303,8 @@ def test_what_was_commanded_beside_another_does_not_move_it_once_that_has_left(g
     graph.executor.remove_node(intruder)
     intruder.destroy_node()
     graph.until(lambda: graph.node.count_publishers("excitation/command") == 1)
-    graph.stays_off(sine())  # which is refused for `stale_timeout`, as of another node of that name
+    pauses = time.monotonic()
+    graph.until(lambda: time.monotonic() - pauses > 1.5)  # for longer than `stale_timeout`
     graph.stays_off(sine())
     graph.run(sine(sequence=2))
 
