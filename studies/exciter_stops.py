@@ -45,6 +45,8 @@ LARGE, SMALL, DISC, FREQUENCY = AMPLITUDES[1] / 2.0, AMPLITUDES[0], AMPLITUDES[1
 #: Silence of commands after which the output ramps down, a hold without estimates, and the T7's watchdog: parameters
 #: of the node. The firmware's own time until it sees a fault, at most [s].
 STALE, BLIND, WATCHDOG, DETECTED = 1.2, 2.0, 3.0, 0.3
+#: Of the identification: two periods, which an estimate has of before [s].
+WINDOW = 0.4
 #: Reading of a laser that is frozen, and one below and above its range [V].
 FROZEN, BELOW, ABOVE = 2.0, -10.5, 10.5
 #: Of the device that is away for a moment [s], and of a recorded signal that fills the connection [samples].
@@ -289,7 +291,7 @@ ROWS = (
     Row("commands end", [Case("silence", _do(_silent), STALE + AFTER_SILENCE)]),
     Row("SIGSTOP of a node", _signal(signal.SIGSTOP, hangs=True)),
     *(Row(f"laser of the support {what}, with `hold`",
-          [Case(what, _laser(volts), BLIND + AFTER_SILENCE, _sees_again, hold=True)])
+          [Case(what, _laser(volts), BLIND + WINDOW + AFTER_SILENCE, _sees_again, hold=True)])
       for what, volts in (("frozen", FROZEN), ("dead", BELOW), ("saturated", ABOVE))),
     Row("device unplugged",
         [Case("unplugged", _do(_unplugged), WATCHDOG + AFTER_SILENCE, _plugged, backends=_DEVICES)]),
@@ -474,7 +476,7 @@ def _worst(seen: Sequence[Seen]) -> str:
         return "–"
     worst = max(seen, key=lambda one: one.off - one.case.allowed)
     of = f" ({worst.case.name})" if len(seen) > 1 else ""
-    if worst.off > worst.case.allowed:
+    if worst.off > worst.case.allowed + 0.9 * WATCHED:
         return f"constant after {max(0.0, 1e3 * worst.still):.0f} ms{of}"
     return f"{max(0.0, 1e3 * worst.off):.0f} ms{of}"
 
