@@ -226,6 +226,7 @@ class Stand:
         self.note(f"command {command.sequence}: kind {command.kind}, {command.amplitude:g} m, {command.frequency:g} to "
                   f"{command.end_frequency:g} Hz, hold {command.hold}{outside}")  # fmt: skip
         self.repeats, self.due = True, now + PERIOD
+        self.rests = math.nan  # an output that a stop ends at once may lie between two states
         self.send()
 
     def _last_kind_is_not(self, kind: int) -> bool:

@@ -545,7 +545,7 @@ def test_a_lost_output_is_a_latched_fault_and_arming_opens_it_anew(
     graph.until(lambda: abs(outputs.between()) > 0.1, sine(sequence=sequence))
 
 
-@pytest.mark.parametrize("notices", ["silence", "another commander", "stop"])
+@pytest.mark.parametrize("notices", ["silence", "another commander", "stop", "another stop"])
 def test_a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too(
     graph: Graph, notices: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -558,9 +558,13 @@ def test_a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too(
     assert isinstance(drive, GuardedDrive)
     assert drive._process is not None
     monkeypatch.setattr(drive, "turn", lambda _now: drive._output)  # which would notice it within 50 ms
+    if notices == "another stop":
+        assert graph.call(Trigger, "stop", Trigger.Request()).success
     os.kill(drive._process.pid, signal.SIGKILL)
     drive._process.wait()
-    if notices == "stop":
+    if notices == "another stop":
+        assert not graph.call(Trigger, "stop", Trigger.Request()).success
+    elif notices == "stop":
         assert graph.call(Trigger, "stop", Trigger.Request()).success  # switched off by the node itself
     elif notices == "another commander":
         other = graph.add(Node("intruder", context=graph.context))
