@@ -120,7 +120,7 @@ int DAQmxClearTask(void *handle) {
     Task *task = task_of(handle);
     if (task == NULL) return refuse(INVALID_TASK);
     source_close(&task->stream.source);
-    if (task->output != NULL && task->running) task->output->streams = 0;
+    if (task->output != NULL && task->running) output_end(task->output);
     task->used = task->running = 0;
     return 0;
 }

@@ -384,7 +384,7 @@ int LJM_eStreamStop(int handle) {
     int streams_out = device->output != NULL && device->output->streams; /* also that of a process that was killed */
     if (!device->streaming && !streams_out) return NOT_RUNNING;
     device->streaming = 0;
-    if (streams_out) device->output->streams = 0;
+    if (streams_out) output_end(device->output);
     return 0;
 }
 

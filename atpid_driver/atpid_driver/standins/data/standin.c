@@ -92,6 +92,15 @@ void output_start(Output *output, double rate) {
     output->streams = 1;
 }
 
+void output_end(Output *output) {
+    const double *queue = (const double *)((const char *)output + DATA_OFFSET);
+    if (output->written > 0) {
+        uint64_t last = output->written - 1, now = (uint64_t)((double)(now_ns() - output->start_ns) * 1e-9 * output->rate);
+        output->volts[output->target] = queue[(now < last ? now : last) % STANDIN_QUEUE];
+    }
+    output->streams = 0;
+}
+
 static double option(const char *specification, const char *name, double fallback) {
     const char *at = strstr(specification, name);
     return at == NULL ? fallback : atof(at + strlen(name));

@@ -88,6 +88,7 @@ typedef struct {
 
 int64_t now_ns(void);
 void output_write(Output *output, const double *volts, int count); /* appends to the queue */
+void output_end(Output *output); /* of a stream: its last sample stays at the output */
 void output_start(Output *output, double rate);
 Output *output_open(const char *variable); /* the file named by an environment variable; NULL: there is none */
 const Control *control_open(const char *variable); /* the file named by an environment variable, or a healthy device */
