@@ -508,7 +508,7 @@ _ROWS = (
     (
         "sent to for ever",
         ROOM + "guarded.py",
-        "            _limit_sending(self._partner, max(_LEAST, asked + _ANSWER - time.monotonic()))\n",
+        "            _limit_sending(self._partner, max(_LEAST, 0.5 * left))  # what is taken in part is waited for twice\n",
         "",
         "a process that hangs while it is sent to holds node and shaker",
         CONTRACT + "a_process_that_hangs_while_it_is_sent_to_is_noticed",

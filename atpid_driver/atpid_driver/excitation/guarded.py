@@ -123,7 +123,8 @@ class GuardedDrive(ExcitationDrive):
             return
         asked = time.monotonic() if self._asked is None else self._asked
         try:
-            _limit_sending(self._partner, max(_LEAST, asked + _ANSWER - time.monotonic()))
+            left = asked + _ANSWER - time.monotonic()
+            _limit_sending(self._partner, max(_LEAST, 0.5 * left))  # what is taken in part is waited for twice
             self._partner.send(request)
         except BlockingIOError:
             raise self._lost("it takes no request") from None
