@@ -59,6 +59,7 @@ def checked(scene_file: Path, tmp_path: Path) -> Callable[..., Checked]:
             session.close()
         else:
             session.sync()
+            session.writer._flush.finish()  # else its thread lasts until the writer is collected
             session.writer._sink.close()
         return check(tmp_path / "bag")
 
