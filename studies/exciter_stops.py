@@ -8,7 +8,6 @@ table into that page.
 """
 
 import argparse
-import math
 import os
 import signal
 import threading
@@ -54,7 +53,7 @@ _AWAY, _SAMPLES = 0.05, 100_000
 #: A stand may take so long to start, a service to answer, and a person to try again [s].
 _START, _ANSWER, _PATIENCE = 240.0, 15.0, 3.0
 NODES = ("supervisor", "motor", "excitation", "labjack", "identifier", "selector", "recorder")
-_OUTPUT, _DEVICES = "excitation_node's output process", ("labjack_dac", "labjack_stream", "nidaqmx")
+_OUTPUT, _DEVICES = "excitation_node's output process", BACKENDS[1:]
 
 
 def _nothing(_stand: WatchedStand) -> None:
@@ -487,7 +486,7 @@ def wrong(seen: Seen, backend: str) -> bool:
     """Return whether an event broke a rule; an NI module alone keeps a constant voltage that nobody can reach."""
     unreachable = backend == "nidaqmx" and seen.case.allowed > WATCHDOG
     late = (seen.still if unreachable else seen.off) > (AFTER_SILENCE if unreachable else seen.case.allowed)
-    return late or math.isnan(seen.off) or (bool(seen.problems) and not unreachable) or seen.go_on == "more"
+    return late or (bool(seen.problems) and not unreachable) or seen.go_on == "more"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

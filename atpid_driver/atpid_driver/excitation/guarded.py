@@ -67,7 +67,8 @@ class GuardedDrive(ExcitationDrive):
         program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
         with theirs:
             process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
-        ours.send((self._settings, self._calibration))
+        with suppress(OSError):  # it has ended, which the missing answer shows
+            ours.send((self._settings, self._calibration))
         return process, ours
 
     def turn(self, _now: int, /) -> Output:
@@ -174,7 +175,8 @@ class GuardedDrive(ExcitationDrive):
             process.kill()
             process.wait()
         error = OutputLostError(f"output of {self._settings.terminal}: {reason}; {self._rescue()}")
-        self._spare = self._spare or self._started()  # so that it is armed at once when a person asks for it
+        with suppress(OSError):  # there are no more processes to be had, of which arming will complain
+            self._spare = self._spare or self._started()  # so that it is armed at once when a person asks for it
         return error
 
     def _rescue(self) -> str:
