@@ -5,7 +5,6 @@
 from mutation import in_file as _in
 
 NODE = "atpid_driver/atpid_driver/nodes/excitation_node.py"
-SUPERVISED = "atpid_driver/atpid_driver/nodes/supervised_node.py"
 ROOM = "atpid_driver/atpid_driver/excitation/"
 TEST = "atpid_driver/test/test_excitation_"
 OVER_DDS = TEST + "node.py::test_"
@@ -23,44 +22,14 @@ CLAMPED = SIGNALS + "the_clamp_limits_peak_and_rate_of_change_of_any_samples_and
 FACTORS = SIGNALS + "no_correction_takes_the_output_beyond_its_limits"
 TOO_LARGE = SIGNALS + "a_signal_whose_peak_or_rate_of_change_is_beyond_the_limits_is_refused"
 NO_SIGNAL = SIGNALS + "samples_that_are_no_signal_are_refused_by_the_node_too"
-SUPERVISES = "tests/test_supervisor_node.py::test_"
-BOTH = SUPERVISES + "a_motor_that_goes_off_stops_the_exciter_and_arming_the_motor_does_not_start_it"
-PAGE = SUPERVISES + "stop_and_page_answer_what_both_drives_confirm"
-GATE = "atpid_driver/atpid_driver/nodes/command_gate.py"
-CONTROL = "atpid_control/atpid_control/nodes/"
 HANGS = CONTRACT + "the_voltage_is_that_of_the_calibration_and_rests_after_silence_and_off"
 LOST = CONTRACT + "where_its_process_is_killed_or_hangs_the_node_switches_off"
 KILLED = CONTRACT + "where_all_processes_are_killed_the_devices_watchdog_acts"
 FED = CONTRACT + "the_watchdog_is_fed_by_its_own_process_and_by_no_other_client"
 REFUSED = CONTRACT + "it_follows_commands_within_its_limits_and_is_off_otherwise"
 
-#: name, file, text, what takes its place, why, test.
-_ROWS = (
-    (
-        "a motor that was off for a moment was not",
-        "atpid_driver/atpid_driver/nodes/motor_node.py",
-        "        self._publish_now()\n\n    def _release",
-        "\n    def _release",
-        "disarmed and armed at once, the shaker runs on",
-        SUPERVISES + "a_motor_that_is_armed_again_at_once_was_off",
-    ),
-    (
-        "armed at once after a stop",
-        CONTROL + "supervisor_node.py",
-        "        await self._motor.pause(self._stopped_at + STOP_LASTS - time.monotonic())\n",
-        "",
-        "an exciter that hung for a moment runs on, since it has not seen the stop",
-        SUPERVISES + "a_stop_lasts_until_every_drive_has_seen_it",
-    ),
-    (
-        "a board that has hung is one that answers",
-        CONTROL + "motor_requests.py",
-        "now - self._answered > _UNKNOWN",
-        "False",
-        "whatever the motor does, the shaker runs on",
-        SUPERVISES + "a_motor_whose_board_does_not_answer_stops_the_exciter",
-    ),
-    (
+MUTATIONS = (
+    _in(
         "an output lost while it is halted ends the node",
         NODE,
         "            try:\n                self._drive.stop()\n            except OutputLostError as error:\n                self._lost(error)",
@@ -68,7 +37,7 @@ _ROWS = (
         "a second commander ends the node of a lost output with a traceback",
         OVER_DDS + "a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too",
     ),
-    (
+    _in(
         "an output lost while it is stopped is no fault",
         NODE,
         "            self._lost(error)\n            raise",
@@ -76,71 +45,7 @@ _ROWS = (
         "what is lost is not latched, and arming finds no process",
         OVER_DDS + "a_loss_that_is_first_noticed_where_the_output_is_ended_is_a_fault_too",
     ),
-    (
-        "what was commanded beside another is a new command",
-        GATE,
-        "if foreign and (self._commander.several or decision in self._voided):",
-        "if False:",
-        "a second commander leaves, and it shakes by a command of before",
-        OVER_DDS + "what_was_commanded_beside_another_does_not_move_it_once_that_has_left",
-    ),
-    (
-        "what a program commanded that was started again is new after a pause",
-        GATE,
-        "            self._last = decision, seen\n        if foreign and (",
-        "            pass\n        if foreign and (",
-        "a commander that was started again, and hung, goes on, and it shakes",
-        OVER_DDS + "a_program_that_is_started_again_at_once_and_hangs_is_no_person",
-    ),
-    (
-        "a command outlasts every stop",
-        GATE,
-        "        if self._armed or self._settings.supervised:\n            self.void()\n",
-        "",
-        "armed again, the command of before shakes it at once",
-        LATCHED,
-    ),
-    (
-        "a stand begins with what was commanded before",
-        GATE,
-        "self._armed or self._settings.supervised",
-        "self._armed",
-        "a stand that is started again shakes by a command of the run before",
-        PERMITTED,
-    ),
-    (
-        "a void command is followed",
-        GATE,
-        "if self._last is not None and self._last[0] in self._voided:",
-        "if False:",
-        "the same",
-        LATCHED,
-    ),
-    (
-        "a command that was repeated is new",
-        GATE,
-        "            self._remember(decision, seen)\n\n",
-        "            del self._voided[decision]\n\n",
-        "the same",
-        LATCHED,
-    ),
-    (
-        "a command that was repeated is new after a pause",
-        GATE,
-        "0 < seen.number <= before.number and ",
-        "",
-        "a commander that has hung goes on, and it shakes",
-        OVER_DDS + "a_command_is_put_out_and_its_silence_ends_it",
-    ),
-    (
-        "a program that is started again is not followed",
-        GATE,
-        "if 0 < seen.number <= before.number and",
-        "if False and",
-        "a person starts the commander anew and nothing happens",
-        OVER_DDS + "a_command_that_is_repeated_by_another_publisher_is_a_new_one",
-    ),
-    (
+    _in(
         "silence voids nothing",
         NODE,
         "        self._gate.void()\n        if self._active and self._command",
@@ -148,15 +53,7 @@ _ROWS = (
         "a commander that hung goes on, and so does the shaker",
         OVER_DDS + "a_command_is_put_out_and_its_silence_ends_it",
     ),
-    (
-        "a command waits for the permission",
-        SUPERVISED,
-        "            self._gate.void()  # it does not wait",
-        "            # ",
-        "a node that hung answers again, and the shaker starts",
-        OVER_DDS + "a_command_made_without_permission_does_not_wait_for_it",
-    ),
-    (
+    _in(
         "a withdrawn permission ramps down alone",
         NODE,
         "            self._stop(self._permit.reason)",
@@ -164,32 +61,7 @@ _ROWS = (
         "a node that hung answers again, and a new command shakes without a person",
         LATCHED,
     ),
-    (
-        "armed without permission",
-        SUPERVISED,
-        "            self._check_permitted()\n            response.success, response.message = True",
-        "            response.success, response.message = True",
-        "it is armed while the supervisor has stopped it",
-        LATCHED,
-        "atpid_driver/test/test_motion_permit.py::test_a_permission_that_is_withdrawn_holds_it_without_heartbeats",
-    ),
-    (
-        "a failed arming is answered as done",
-        SUPERVISED,
-        "        if not self._active:\n            raise NotReadyError(self._last_error",
-        "        if False:\n            raise NotReadyError(self._last_error",
-        "a person takes for armed what is not",
-        "atpid_driver/test/test_motor_node.py::test_rearm_arms_it_from_any_lifecycle_state_but_the_last",
-    ),
-    (
-        "a stop while it starts is forgotten",
-        SUPERVISED,
-        "        self._end_starting()\n        if self._active:\n            self._stopped",
-        "        if self._active:\n            self._stopped",
-        "it arms itself after the operator's stop",
-        OVER_DDS + "a_stop_while_it_starts_ends_the_start",
-    ),
-    (
+    _in(
         "armed before old commands were heard",
         NODE,
         "        return heard and super()._may_start",
@@ -198,7 +70,7 @@ _ROWS = (
         OVER_DDS + "a_stop_while_it_starts_ends_the_start",
         PERMITTED,
     ),
-    (
+    _in(
         "why it is off is not stated",
         NODE,
         "fault=self._fault or self._stopped,",
@@ -206,7 +78,7 @@ _ROWS = (
         "nobody sees what stopped it, and a campaign goes on",
         UNTRUSTED,
     ),
-    (
+    _in(
         "poor estimates steer",
         NODE,
         "usable = estimate.quality in (Quality.STEADY, Quality.TRANSIENT) and age",
@@ -214,7 +86,7 @@ _ROWS = (
         "a sensor that has come off steers the shaker",
         UNTRUSTED,
     ),
-    (
+    _in(
         "estimates of any age steer",
         NODE,
         "and age < FRESH and elapsed > 0.0",
@@ -222,7 +94,7 @@ _ROWS = (
         "a late identification steers the shaker",
         STALE,
     ),
-    (
+    _in(
         "a repeated estimate is one",
         NODE,
         "and age < FRESH and elapsed > 0.0",
@@ -230,7 +102,7 @@ _ROWS = (
         "a frozen sensor is taken for a steady tone",
         STALE,
     ),
-    (
+    _in(
         "the correction of the command before is kept",
         NODE,
         "        self._command = command\n        self._hold.reset()\n",
@@ -238,7 +110,7 @@ _ROWS = (
         "another command begins with three times its amplitude",
         CORRECTED,
     ),
-    (
+    _in(
         "held without a fresh estimate",
         NODE,
         "self._command.hold and self._fresh and self._hold.held",
@@ -246,7 +118,7 @@ _ROWS = (
         "it shakes on blind and states that it is held",
         STALE,
     ),
-    (
+    _in(
         "held by a transient estimate",
         NODE,
         "steady=estimate.quality == Quality.STEADY",
@@ -254,7 +126,7 @@ _ROWS = (
         "an amplitude on its way counts as held",
         OVER_DDS + "a_transient_estimate_steers_and_is_not_held",
     ),
-    (
+    _in(
         "blind for good",
         NODE,
         "elif self._holds and (now - self._seen) * 1e-9 > blind:",
@@ -262,7 +134,7 @@ _ROWS = (
         "it shakes on although nothing measures it",
         STALE,
     ),
-    (
+    _in(
         "an estimate is due at once",
         NODE,
         "            self._seen = self._now() + round(1e9 * rise)\n",
@@ -271,7 +143,7 @@ _ROWS = (
         CORRECTED,
         OVER_DDS + "one_that_was_never_measured_ends_as_soon",
     ),
-    (
+    _in(
         "each command waits anew for its estimate",
         NODE,
         "        if not self._holds:  # an estimate",
@@ -279,7 +151,7 @@ _ROWS = (
         "a program that changes its command shakes blind for good",
         OVER_DDS + "commands_that_change_do_not_put_off_its_end",
     ),
-    (
+    _in(
         "saturated for good",
         NODE,
         "elif (now - self._within) * 1e-9 > settings.saturation_time:",
@@ -287,7 +159,7 @@ _ROWS = (
         "an amplifier that is off is driven at full output",
         LIMITED,
     ),
-    (
+    _in(
         "within the tolerance it is saturated too",
         NODE,
         "or self._hold.at_limit) and self._hold.misses",
@@ -295,7 +167,7 @@ _ROWS = (
         "a command at the limit ends the run",
         LIMITED,
     ),
-    (
+    _in(
         "a correction at its limit is none",
         NODE,
         "(output.limited or self._hold.at_limit) and",
@@ -303,7 +175,7 @@ _ROWS = (
         "a sensor that has come off is driven at three times the command",
         OVER_DDS + "a_correction_at_its_own_limit_ends_it_too",
     ),
-    (
+    _in(
         "a lost device is enabled without being opened",
         NODE,
         "            self._configure()  # the device was lost",
@@ -311,7 +183,7 @@ _ROWS = (
         "armed, and nothing is put out",
         REOPENED,
     ),
-    (
+    _in(
         "an output that ended by itself is not noticed",
         NODE,
         "        if output.ended:\n",
@@ -319,7 +191,7 @@ _ROWS = (
         "a node that hung states what it does not put out",
         OVER_DDS + "one_that_hangs_is_off_and_stays_off_when_it_goes_on",
     ),
-    (
+    _in(
         "a node that hung goes on",
         ROOM + "signals.py",
         "if self.ended or repr(command)",
@@ -327,7 +199,7 @@ _ROWS = (
         "the next command shakes without a person",
         HANGS,
     ),
-    (
+    _in(
         "a silent node is a pause",
         ROOM + "outlet_process.py",
         'self._generator.end(f"no sign of the node for {SILENCE:g} s")',
@@ -335,7 +207,7 @@ _ROWS = (
         "the same",
         HANGS,
     ),
-    (
+    _in(
         "armed, it stays ended",
         ROOM + "outlet_process.py",
         "            self._generator.cut()\n",
@@ -343,7 +215,7 @@ _ROWS = (
         "a person arms it and nothing is put out",
         HANGS,
     ),
-    (
+    _in(
         "a repeated stop slows the ramp",
         ROOM + "signals.py",
         "if self.command.kind is not ExciterKind.OFF or not self._fall:",
@@ -351,7 +223,7 @@ _ROWS = (
         "a stop that is repeated never ends",
         SIGNALS + "a_stop_that_is_repeated_takes_no_longer",
     ),
-    (
+    _in(
         "amplitude beyond the limits",
         ROOM + "limits.py",
         "Point(min(amplitude, most),",
@@ -360,7 +232,7 @@ _ROWS = (
         FACTORS,
         CONTRACT + "a_correction_beyond_the_limits_is_not_put_out",
     ),
-    (
+    _in(
         "frequency beyond the limits",
         ROOM + "limits.py",
         "min(max(frequency, self._band[0]), self._band[1]) if frequency else 0.0",
@@ -369,7 +241,7 @@ _ROWS = (
         FACTORS,
         CONTRACT + "a_correction_beyond_the_limits_is_not_put_out",
     ),
-    (
+    _in(
         "the peak of noise is not its amplitude",
         ROOM + "limits.py",
         "most = self._highest / max(peak, 1.0)",
@@ -377,7 +249,7 @@ _ROWS = (
         "noise of four times the limit",
         FACTORS,
     ),
-    (
+    _in(
         "any sample",
         ROOM + "limits.py",
         "within = np.clip(values, -self._highest, self._highest)",
@@ -385,7 +257,7 @@ _ROWS = (
         "a defect of a signal is put out",
         CLAMPED,
     ),
-    (
+    _in(
         "any rate of change",
         ROOM + "limits.py",
         "last = min(max(value, last - self._slew), last + self._slew)",
@@ -393,7 +265,7 @@ _ROWS = (
         "a step of full stroke",
         CLAMPED,
     ),
-    (
+    _in(
         "no number is put out",
         ROOM + "limits.py",
         "        if not np.isfinite(values).all():\n            raise SignalError",
@@ -401,7 +273,7 @@ _ROWS = (
         "a voltage that is none",
         CLAMPED,
     ),
-    (
+    _in(
         "limited without a word",
         ROOM + "limits.py",
         "self.limited = amplitude > most * (1.0 + _ROUNDING) or within.frequency != frequency",
@@ -409,7 +281,7 @@ _ROWS = (
         "an output at its limits is not noticed",
         FACTORS,
     ),
-    (
+    _in(
         "noise by its root mean square",
         ROOM + "limits.py",
         "if command.amplitude * peak > settings.highest_amplitude * (1.0 + _ROUNDING):",
@@ -417,7 +289,7 @@ _ROWS = (
         "peaks at three times the limit",
         TOO_LARGE,
     ),
-    (
+    _in(
         "a signal of any speed",
         ROOM + "limits.py",
         "if slew > fastest * (1.0 + _ROUNDING):",
@@ -425,7 +297,7 @@ _ROWS = (
         "a recorded signal above the highest frequency",
         TOO_LARGE,
     ),
-    (
+    _in(
         "noise on an inverter",
         ROOM + "limits.py",
         "    if settings.backend in TONES_ALONE:",
@@ -433,7 +305,7 @@ _ROWS = (
         "a drive that has no samples is given some",
         OVER_DDS + "a_command_that_may_not_be_followed_is_refused_once_and_the_output_stays",
     ),
-    (
+    _in(
         "noise that is held",
         ROOM + "limits.py",
         "    if command.hold:",
@@ -441,7 +313,7 @@ _ROWS = (
         "a hold that nothing can hold",
         SIGNALS + "what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing",
     ),
-    (
+    _in(
         "another disc than there is",
         ROOM + "limits.py",
         'if settings.backend == "labjack_dac" and amplitude',
@@ -449,7 +321,7 @@ _ROWS = (
         "an amplitude is stated that the disc does not have",
         CONTRACT + "a_disc_has_one_amplitude_which_nothing_corrects",
     ),
-    (
+    _in(
         "a disc is corrected",
         ROOM + "hold.py",
         "_Integrator(0.0 if self._fixed else self._limit)",
@@ -457,7 +329,7 @@ _ROWS = (
         "what the hold states of an inverter is not so",
         HOLD + "the_amplitude_of_a_disc_is_not_corrected",
     ),
-    (
+    _in(
         "no estimate leaves it held",
         ROOM + "hold.py",
         "            self._within = 0.0\n            return",
@@ -465,7 +337,7 @@ _ROWS = (
         "it states that it is held right after it was blind",
         HOLD + "an_estimate_that_is_none_ends_what_was_held",
     ),
-    (
+    _in(
         "the last estimate does not count",
         ROOM + "hold.py",
         "and self._newest <= self._tolerance",
@@ -473,7 +345,7 @@ _ROWS = (
         "held, with a measurement that is not",
         HOLD + "the_last_estimate_has_to_be_within_the_tolerance_too",
     ),
-    (
+    _in(
         "what the limits prevent is summed up",
         ROOM + "hold.py",
         "if limited and error * self.value > 0.0:",
@@ -481,7 +353,7 @@ _ROWS = (
         "the output stays at its limit long after it need not",
         HOLD + "at_the_limits_nothing_is_summed_up",
     ),
-    (
+    _in(
         "samples without bound",
         ROOM + "recorded.py",
         "or not 0.0 < length <= LONGEST or len(values) > MOST_SAMPLES",
@@ -489,7 +361,7 @@ _ROWS = (
         "one message takes all memory of the node",
         NO_SIGNAL,
     ),
-    (
+    _in(
         "samples that are no numbers",
         ROOM + "recorded.py",
         "    if not np.isfinite(values).all() or not 0.0",
@@ -497,7 +369,7 @@ _ROWS = (
         "a voltage that is none",
         NO_SIGNAL,
     ),
-    (
+    _in(
         "it is tried once to switch off",
         ROOM + "guarded.py",
         "while not problem or time.monotonic() < end:",
@@ -505,7 +377,7 @@ _ROWS = (
         "a plug that is loose for a moment leaves the shaker on until the watchdog acts",
         CONTRACT + "a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back",
     ),
-    (
+    _in(
         "sent to for ever",
         ROOM + "guarded.py",
         "            _limit_sending(self._partner, max(_LEAST, 0.5 * left))  # what is taken in part is waited for twice\n",
@@ -513,105 +385,13 @@ _ROWS = (
         "a process that hangs while it is sent to holds node and shaker",
         CONTRACT + "a_process_that_hangs_while_it_is_sent_to_is_noticed",
     ),
-    (
+    _in(
         "another signal than the one named",
         ROOM + "drive.py",
         "self._recorded[0] == command.file",
         "True",
         "a command puts out the recording of another one",
         CONTRACT + "a_recorded_signal_is_put_out_as_it_was_received_and_no_file_is_opened",
-    ),
-    (
-        "a motor that goes off stops nothing else",
-        CONTROL + "supervisor_node.py",
-        "            if off and self._exciter:",
-        "            if False:",
-        "emergency stop and motor fault leave the shaker on",
-        BOTH,
-    ),
-    (
-        "a fault of the motor is none",
-        CONTROL + "motor_requests.py",
-        "if state.mode == CeilingState.FAULT != before.mode:",
-        "if False:",
-        "a fault while the motor is off leaves the shaker on",
-        SUPERVISES + "a_fault_of_a_motor_that_is_off_stops_the_exciter_too",
-    ),
-    (
-        "a disarmed motor stops nothing else",
-        CONTROL + "motor_requests.py",
-        'return "motor off" if before.mode in _ARMED else ""',
-        'return ""',
-        "Disarm leaves the shaker on",
-        BOTH,
-    ),
-    (
-        "the exciter is not asked to stop",
-        CONTROL + "supervisor_node.py",
-        'exciter = await self._exciter.stop() if self._exciter else ""',
-        'exciter = ""',
-        "a stop is answered as confirmed that is not",
-        PAGE,
-    ),
-    (
-        "armed above the abort level",
-        CONTROL + "supervisor_node.py",
-        "if above := self._quantities.still_above():",
-        "if above := ():",
-        "it is armed while the cause is there",
-        SUPERVISES + "a_level_that_is_passed_stops_and_is_armed_again_only_below_it",
-    ),
-    (
-        "armed in spite of a stop meanwhile",
-        CONTROL + "supervisor_node.py",
-        "            if self._stops > stops:\n",
-        "            if False:\n",
-        "a person takes for armed what was stopped meanwhile",
-        SUPERVISES + "a_stop_while_the_motor_is_being_armed_has_the_last_word",
-    ),
-    (
-        "its last word is not awaited",
-        CONTROL + "supervisor_node.py",
-        "                publisher.wait_for_all_acked(Duration(seconds=_DELIVERY))",
-        "                pass",
-        "why a run ended is lost",
-        SUPERVISES + "its_last_word_is_awaited",
-    ),
-    (
-        "the page answers for the motor alone",
-        CONTROL + "operator_requests.py",
-        "if name != SUPERVISOR] or ready",
-        "if name == MOTOR] or ready",
-        "the page confirms a stop of which the exciter knows nothing",
-        PAGE,
-    ),
-    (
-        "homing goes on without permission",
-        "atpid_driver/atpid_driver/nodes/motor_node.py",
-        "            if self._actuator.observe(self._now()).mode is Mode.HOMING:  # which no height interrupts\n                self._stop(self._permit.reason)\n",
-        "",
-        "the ceiling travels to its switch although a node that it needs hangs",
-        "atpid_driver/test/test_motion_permit.py::test_homing_ends_where_the_permission_is_withdrawn",
-    ),
-)
-
-MUTATIONS = (
-    *(_in(*row) for row in _ROWS),
-    _in(
-        "an inactive node takes commands",
-        SUPERVISED,
-        'if not self._active:\n            raise NotReadyError(f"{what} refused',
-        'if False:\n            raise NotReadyError(f"{what} refused',
-        "a command that moves nothing is not refused",
-        OVER_DDS + "it_is_off_in_every_state_but_active",
-    ),
-    _in(
-        "commands without permission",
-        SUPERVISED,
-        'raise NotReadyError(f"{what} not taken up: {self._permit.reason}")',
-        "pass",
-        "a command that moves nothing is not refused",
-        PERMITTED,
     ),
     _in(
         "a withdrawn permission ends nothing",
@@ -622,30 +402,6 @@ MUTATIONS = (
         LATCHED,
     ),
     _in(
-        "never supervised",
-        SUPERVISED,
-        "supervised = settings.supervised and in_time",
-        "supervised = False",
-        "abort levels and the operator's stop leave the shaker on",
-        PERMITTED,
-    ),
-    _in(
-        "silence of commands ends nothing",
-        SUPERVISED,
-        "if self._supervision.stale.stale:\n            self._halt()",
-        "pass",
-        "without its commander the shaker runs on",
-        OVER_DDS + "a_command_is_put_out_and_its_silence_ends_it",
-    ),
-    _in(
-        "commands of several end nothing",
-        SUPERVISED,
-        "if self._gate.several_senders:\n            self._halt()",
-        "pass",
-        "two programs drive one shaker",
-        OVER_DDS + "two_commanders_end_it",
-    ),
-    _in(
         "an inactive node leaves the output on",
         NODE,
         "        try:\n            self._drive.off()\n        except OutputLostError as error:\n"
@@ -653,30 +409,6 @@ MUTATIONS = (
         "        self._publish",
         "the operator's stop leaves the shaker on",
         OVER_DDS + "it_is_off_in_every_state_but_active",
-    ),
-    _in(
-        "an exciter activated beside another",
-        SUPERVISED,
-        "if self._duplicates.inhibits_motion:",
-        "if False:",
-        "two nodes drive one shaker",
-        OVER_DDS + "beside_another_of_its_name_it_is_off_and_cannot_be_activated",
-    ),
-    _in(
-        "activated without permission",
-        SUPERVISED,
-        'raise NotReadyError(f"no motion is permitted: {self._permit.reason}")',
-        "pass",
-        "it is armed although a node that it needs hangs",
-        PERMITTED,
-    ),
-    _in(
-        "commands of any age",
-        SUPERVISED,
-        "self._gate.check_fresh(info, self._now())",
-        "pass",
-        "a command from before an interruption shakes it",
-        OVER_DDS + "a_command_that_waited_too_long_is_ignored",
     ),
     _in(
         "a silent process is waited for",
