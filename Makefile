@@ -3,8 +3,6 @@
 
 .DEFAULT_GOAL := help
 IN_WORKSPACE := . ros2_ws/activate &&
-# $(call stage,name,command): run one stage, and name it where it fails.
-stage = echo "== $(1)"; $(2) || { echo "make test stopped: $(1) failed" >&2; exit 1; }
 
 .PHONY: help
 help: ## this list
@@ -38,28 +36,34 @@ bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report 
 stand-emulated: setup ## the whole stand without hardware: LabJack's package, real firmware, simulated physics
 	@$(IN_WORKSPACE) atpid bench scenes/thesis_4_3.yaml --out out/stand --emulated-stand
 
-# The checks that run nothing, then the tests on every core; a file stays on one of them, since its tests share fixtures.
-# One worker more than there are cores, since tests of processes wait for half of their time.
-# A worker that crashes ends the run: xdist would wait for ever for the rest of its file.
 # One thread of linear algebra each: with one for each core they wait for each other, ten times as long on a busy machine.
-CHECKS = $(call stage,ruff check,ruff check .); \
-	$(call stage,ruff format,ruff format --check .); \
-	if python -c 'import numpy, sys; sys.exit(numpy.lib.NumpyVersion(numpy.__version__) < "2.4.0")'; then $(call stage,mypy,mypy --strict); \
-	else echo "== mypy: left out, this older numpy declares other types than the code is checked against"; fi; \
-	$(call stage,import rules,lint-imports --no-logo); echo "== pytest"
-PYTEST = env OPENBLAS_NUM_THREADS=1 python -m pytest -q -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
+PYTEST = env OPENBLAS_NUM_THREADS=1 python -m pytest -q
+# A file stays on one worker, since its tests share fixtures; one worker more than there are cores, since tests of
+# processes wait for half of their time. A worker that crashes ends the run: xdist would wait for ever for its file.
+ABREAST = -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
+TESTS = atpid_interfaces/atpid_common/test atpid_sim/test atpid_driver/test atpid_control/test tests
+# $(call test,marks): the tests with these marks on every core, then those of them that are about the time on the clock.
+test = $(IN_WORKSPACE) $(PYTEST) $(ABREAST) -m "$(1) and not wall_time" && \
+	exec $(PYTEST) -m "$(1) and wall_time" $$(grep -rl --include='test_*.py' mark.wall_time $(TESTS))
 
 .PHONY: test
-test: test-packages ## format, types, import rules, then all tests; stops at the first that fails
-	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST)
+test: test-packages ## format, types, import rules, and the tests that take a few minutes together
+	@$(call test,not rest)
 
-.PHONY: test-fast
-test-fast: test-packages ## the same without the slow tests, while working
-	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
+.PHONY: test-rest
+test-rest: test-packages ## the tests that `make test` leaves out, by what each costs (tests/parts.py)
+	@$(call test,rest)
+
+.PHONY: test-all
+test-all: test test-rest ## all tests
+
+.PHONY: costs
+costs: test-packages ## measure what each test costs, on a machine that does nothing else; what decides where it runs
+	@$(IN_WORKSPACE) exec python tests/costs.py
 
 .PHONY: fuzz
 fuzz: test-packages ## every test at full length: 10^4 hostile files to each parser, 10^5 messages to each node, all draws (hours)
-	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load \
+	@$(IN_WORKSPACE) exec $(PYTEST) $(ABREAST) --hypothesis-profile=long --timeout 14400 --dist load \
 	    $$(grep -rl --include='test_*.py' 'get_current_profile_name() == "long"' tests atpid_*)
 
 .PHONY: mutations
@@ -82,7 +86,7 @@ test-install: test-packages ## build a clone as a ROS user does, remove it and r
 coverage: test-packages ## run the tests with coverage.py: table on the screen, pages in out/coverage
 # Left out: what runs an installed copy, and a process that may write no file, coverage.py's own included.
 	@$(IN_WORKSPACE) python -m coverage erase && \
-	{ $(patsubst python,python -m coverage run,$(PYTEST)) --ignore tests/test_installation.py \
+	{ $(patsubst python,python -m coverage run,$(PYTEST)) $(ABREAST) --ignore tests/test_installation.py \
 	      --deselect tests/test_outputs.py::test_a_disk_that_fills_up_costs_no_point_of_a_map; status=$$?; \
 	  python -m coverage combine -q && python -m coverage html -q -d out/coverage && python -m coverage report --skip-covered; exit $$status; }
 

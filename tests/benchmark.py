@@ -9,8 +9,8 @@ the machine and on what else it does.
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from graph_runs import in_lockstep, scene_file
@@ -26,18 +26,12 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes"
 BLOCK, RATE = 0.05, 1000.0  # of the stand's laser [s], [1/s]
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """One part: the time on the stand's clock and the processor time spent on it [s]."""
 
     name: str
     real: float
     processor: float
-
-    @property
-    def ratio(self) -> float:
-        """Times faster than the stand needs it to be."""
-        return self.real / self.processor
 
 
 def graph(folder: Path, seconds: float) -> Part:
@@ -85,14 +79,9 @@ def parts(folder: Path, seconds: float) -> list[Part]:
     return [graph(folder, seconds), estimate(seconds), selection(), drivers(0.5 * seconds)]
 
 
-def main() -> None:
-    """Print the table."""
-    with tempfile.TemporaryDirectory() as folder:
-        measured = parts(Path(folder), float(sys.argv[1]))
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as made:
+        measured = parts(Path(made), float(sys.argv[1]))
     print(f"{'part':30}{'real time [s]':>15}{'processor [s]':>15}{'ratio':>9}")
     for part in measured:
-        print(f"{part.name:30}{part.real:15.3f}{part.processor:15.5f}{part.ratio:9.1f}")
-
-
-if __name__ == "__main__":
-    main()
+        print(f"{part.name:30}{part.real:15.3f}{part.processor:15.5f}{part.real / part.processor:9.1f}")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The repository as a ROS user has it: a clone in a workspace of their own, built and sourced like any other."""
 
+import filecmp
 import os
 import shutil
 import subprocess
@@ -18,15 +19,13 @@ PACKAGES = {
     "atpid_driver": "atpid_driver",
     "atpid_control": "atpid_control",
 }
-
-#: What of a package is for those who read, build or test it, and is not installed.
-NOT_INSTALLED = (
+#: What of a package is for those who read, build or test it. All else is installed.
+NOT_INSTALLED = {
     "CHANGELOG.rst", "CMakeLists.txt", "QUALITY_DECLARATION.md", "README.md", "pytest.ini", "setup.cfg", "setup.py",
-)  # fmt: skip
+    "test",
+}  # fmt: skip
 #: Variables of pytest, of coverage.py and of a colcon workspace that this shell has sourced begin so.
 UNWANTED = ("PYTEST_", "COVERAGE_", "COLCON_")
-_MODULES = ("atpid_common", "atpid_sim", "atpid_driver", "atpid_control")
-_SHARED = ("action", "config", "firmware", "launch", "msg", "scenes", "srv")
 
 
 def sources() -> list[Path]:
@@ -46,48 +45,33 @@ def clone(folder: Path) -> Path:
     return folder
 
 
-def package_of(path: Path) -> str | None:
-    """Return the package in whose folder a file is, by its path relative to the root; None: in none."""
-    if path.parts[0] == "scenes":  # linked to from the package that installs them
-        return "atpid_sim"
-    return next((name for name, folder in PACKAGES.items() if path.is_relative_to(folder)), None)
-
-
-def installed_place(path: Path) -> str | None:
+def installed_place(package: str, path: Path) -> str | None:
     """Return where a file of a package belongs below its installation prefix, None if it is not installed.
 
-    `path` is relative to the root; KeyError for a file that fits no rule.
+    path: relative to the package's folder.
     """
-    package = package_of(path)
-    if package is None:
-        return None
-    first, *rest = path.parts if path.parts[0] == "scenes" else path.relative_to(PACKAGES[package]).parts
-    if first == "bin":
-        return path.relative_to(PACKAGES[package]).as_posix()
-    if first in _MODULES:
-        return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/" + "/".join([first, *rest])
-    if first in _SHARED and rest:
-        return f"share/{package}/" + "/".join([first, *rest])
-    if first in ("LICENSE", "package.xml"):
-        return f"share/{package}/{first}"
+    first = path.parts[0]
+    if first in PACKAGES:
+        return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/{path.as_posix()}"
     if first == "resource":
         return f"share/ament_index/resource_index/packages/{package}"
-    if first in ("scenes", "test") or first in NOT_INSTALLED:
+    if first in NOT_INSTALLED:
         return None
-    raise KeyError(f"{path}: say in {Path(__file__).name} where it is installed, or that it is not")
+    return path.as_posix() if first == "bin" else f"share/{package}/{path.as_posix()}"
 
 
 def differences(package: str, prefix: Path) -> list[str]:
     """Return the package's files that are missing or different in the installation at `prefix`."""
     found = []
-    for path in sources():
-        place = installed_place(path) if package_of(path) == package else None
-        if place is None:
+    for source in sources():
+        if package == "atpid_sim" and source.parts[0] == "scenes":  # linked to from the package
+            place = installed_place(package, source)
+        elif source.is_relative_to(PACKAGES[package]) and (ROOT / source).is_file():
+            place = installed_place(package, source.relative_to(PACKAGES[package]))
+        else:
             continue
-        if not (prefix / place).is_file():
-            found.append(f"{path} is not installed")
-        elif (prefix / place).read_bytes() != (ROOT / path).read_bytes():
-            found.append(f"{path} is installed with other contents")
+        if place and not ((prefix / place).is_file() and filecmp.cmp(prefix / place, ROOT / source, shallow=False)):
+            found.append(str(source))
     return found
 
 
@@ -113,6 +97,5 @@ def run(command: Sequence[str | Path], cwd: Path, env: dict[str, str]) -> str:
         command, cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
     failed = "\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR", "E  ")))
-    shown = f"{failed}\n{done.stdout[-6000:]}"
-    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{shown}"
+    assert done.returncode == 0, f"{' '.join(map(str, command))}: {done.returncode}\n{failed}\n{done.stdout[-6000:]}"
     return done.stdout

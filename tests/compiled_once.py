@@ -34,6 +34,6 @@ def _compile_once(kernel: Any, signature: Any) -> Any:
             fcntl.lockf(_file, fcntl.LOCK_UN, 1, place)
 
 
-def pytest_configure() -> None:
+def install() -> None:
     """Compile this way from here on."""
     setattr(Dispatcher, "compile", _compile_once)  # noqa: B010 - a method, for mypy

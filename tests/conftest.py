@@ -4,27 +4,28 @@
 
 from pathlib import Path
 
+import compiled_once
+import costs
+import parts
 import pytest
-from compiled_once import pytest_configure
 from left_out import pytest_sessionfinish
 
-__all__ = ["pytest_configure", "pytest_sessionfinish"]  # hooks
+__all__ = ["pytest_sessionfinish"]  # a hook
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
-#: Files that are moved, and the folder whose first test they go before.
-MOVED = {"test_batch.py": "atpid_driver", "test_installation.py": "atpid_control"}
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile a kernel in one worker at a time, and measure what tests cost where `make costs` runs them."""
+    compiled_once.install()
+    costs.install(config)
+    config.addinivalue_line("markers", parts.MARKER)
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` looks at the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put what takes longest beside other files."""
-    moved = {name: [item for item in items if item.path.name == name] for name in MOVED}
-    items[:] = [item for item in items if item.path.name not in MOVED]
-    for name, folder in MOVED.items():
-        places = (place for place, item in enumerate(items) if item.path.relative_to(ROOT).parts[0] == folder)
-        place = next(places, len(items))
-        items[place:place] = moved[name]
+    """Part the tests between `make test` and `make test-all`."""
+    parts.mark(items)
 
 
 @pytest.fixture(scope="session")

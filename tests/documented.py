@@ -1,19 +1,23 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of the documentation: its commands, links, headings and the names it mentions."""
+"""The contents of the documentation: its commands, code, links, headings and the names it mentions."""
 
-import dataclasses
-import importlib
+import argparse
+import pkgutil
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from colcon_workspace import sources
+
+from atpid_common.cli import Commands, Parser, load
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
-MADE = {"build", "install", "log", "out", "src", "__pycache__"}
 
 _COMMAND = re.compile(r"(?:sudo )?(?:make(?!\()|python -m|ros2|atpid(?= [a-z-])|\. ros2_ws/activate)\b.*")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 _LINK = re.compile(r"\[[^]]*\]\(([^)\s]+)\)")
 
 
@@ -26,14 +30,7 @@ class Piece(NamedTuple):
 
 def files() -> list[Path]:
     """Return every file of the project that is not made by set-up or a run."""
-
-    def below(folder: Path) -> Iterator[Path]:
-        for path in folder.iterdir():
-            if path.name in MADE or path.is_symlink() or (path.name.startswith(".") and path.name != ".ci"):
-                continue
-            yield from below(path) if path.is_dir() else [path]
-
-    return list(below(ROOT))
+    return [ROOT / path for path in sources() if not (ROOT / path).is_symlink()]
 
 
 def code(page: Path) -> Iterator[str]:
@@ -48,16 +45,21 @@ def code(page: Path) -> Iterator[str]:
             yield from re.findall(r"`([^`]+)`", line)
 
 
+def blocks(page: Path, language: str) -> list[str]:
+    """Return what stands in a page's fences of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
 def pieces() -> list[Piece]:
     """Return all code of all pages."""
     return [Piece(page.name, text.replace("\\|", "|")) for page in PAGES for text in code(page)]
 
 
 def commands() -> list[Piece]:
-    """Return what a reader may type, without the remark after it."""
+    """Return what a reader may type, without the remark after it, each once."""
     found = [(page, _COMMAND.search(text)) for page, text in pieces()]
     whole = [Piece(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]
-    return [Piece(page, re.split(r"\s+# ", text)[0].strip()) for page, text in whole]
+    return sorted({Piece(page, re.split(r"\s+# ", text)[0].strip().removesuffix(')"')) for page, text in whole})
 
 
 def links(page: Path) -> list[str]:
@@ -72,36 +74,40 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
-def owner_and_last(name: str) -> tuple[object, str]:
-    """Return the module or class that a dotted name's last part belongs to, and that part.
-
-    Raises ModuleNotFoundError or AttributeError where there is no such owner.
-    """
-    parts = name.split(".")
-    for count in range(len(parts) - 1, 0, -1):
-        try:
-            owner: object = importlib.import_module(".".join(parts[:count]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[count:-1]:
-            owner = getattr(owner, part)
-        return owner, parts[-1]
-    raise ModuleNotFoundError(name)
-
-
 def exists(name: str) -> bool:
     """Whether a dotted name is a module, something in one, or an attribute or field of a class there."""
     try:
-        importlib.import_module(name)
-    except ModuleNotFoundError:
-        pass
-    else:
-        return True
-    try:
-        owner, last = owner_and_last(name)
-    except (ModuleNotFoundError, AttributeError):
-        return False
-    fields = set(getattr(owner, "model_fields", ()))  # pydantic's are no attributes of their class
-    if dataclasses.is_dataclass(owner):
-        fields |= {field.name for field in dataclasses.fields(owner)}
-    return hasattr(owner, last) or last in fields
+        pkgutil.resolve_name(name)
+    except (ImportError, AttributeError):
+        before, _, last = name.rpartition(".")
+        try:
+            owner = pkgutil.resolve_name(before)
+        except (ImportError, AttributeError, ValueError):
+            return False
+        return last in {*getattr(owner, "model_fields", ()), *getattr(owner, "__dataclass_fields__", ())}
+    return True
+
+
+class OpenParser(Parser):
+    """A parser that shows what it takes."""
+
+    @property
+    def arguments(self) -> list[argparse.Action]:
+        """Every argument."""
+        return [*self._actions]
+
+
+def parsers_of(commands: Commands) -> Iterator[tuple[str, OpenParser]]:
+    """Yield each command's own parser, and those of its own subcommands."""
+    for name, (place, _) in (item for group in commands.values() for item in group.items()):
+        parser = OpenParser(prog=name)
+        load(place).add_arguments(parser)
+        yield name, parser
+        for action in parser.arguments:
+            if isinstance(action.choices, dict):
+                yield from ((f"{name} {inner}", one) for inner, one in action.choices.items())
+
+
+def options(commands: Commands) -> dict[str, set[str]]:
+    """Return the long options of each command of a program, and of its own subcommands."""
+    return {name: set(OPTION.findall(parser.format_usage())) for name, parser in parsers_of(commands)}

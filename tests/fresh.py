@@ -15,19 +15,22 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from hypothesis.database import DirectoryBasedExampleDatabase
+from parts import FUNCTION, measured
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "tests/examples"
 
 
 class Bounded:
-    """Runs the tests in another order each time, and begins none when the time is over."""
+    """Runs what is cheap in another order each time, and begins none when the time is over."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.end, self.tried, self.found = seconds, 0.0, 0, 0
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        costs = measured()
+        items[:] = [item for item in items if costs.get(item.nodeid, 0.0) <= FUNCTION]
         random.SystemRandom().shuffle(items)
         self.found = len(items)
 
@@ -53,7 +56,7 @@ def run(seconds: float, files: Sequence[Path], kept: Path = KEPT) -> int:
     """Run the property tests of `files` for so long [s]; return pytest's exit status."""
     settings.register_profile("fresh", deadline=None, print_blob=True, database=DirectoryBasedExampleDatabase(kept))
     bounded = Bounded(seconds)
-    words = ["-q", "-n", "0", "-p", "no:cacheprovider", "-m", "hypothesis and not slow", "--hypothesis-profile=fresh"]
+    words = ["-q", "-n", "0", "-p", "no:cacheprovider", "-m", "hypothesis", "--hypothesis-profile=fresh"]
     words += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # this file has imported hypothesis
     status = pytest.main([*words, *map(str, files)], plugins=[bounded])
     print(f"fresh examples: {bounded.tried} of {bounded.found} property tests in {seconds:g} s; failing ones in {kept}")

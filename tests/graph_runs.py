@@ -70,10 +70,8 @@ def _plain(value: Any) -> Any:
 
 def started(*arguments: str) -> subprocess.Popen[str]:
     """Start `atpid` with these arguments."""
-    command = ["atpid", *arguments]
-    return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_domain()
-    )  # fmt: skip
+    piped: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": without_domain()}
+    return subprocess.Popen(["atpid", *arguments], text=True, **piped)
 
 
 def without_domain() -> dict[str, str]:
@@ -90,3 +88,14 @@ def wait_until(
         assert process is None or process.poll() is None, process.communicate()
         assert time.monotonic() < deadline, "it did not happen"
         pause.wait(0.02)
+
+
+def spin_until(
+    executor: Any, happened: Callable[[], object], act: Callable[[], object] = lambda: None, timeout: float = 100.0
+) -> None:
+    """Spin until an event; call `act` before each turn."""
+    deadline = time.monotonic() + timeout
+    while not happened():
+        assert time.monotonic() < deadline, "it did not happen"
+        act()
+        executor.spin_once(timeout_sec=0.02)

@@ -1,95 +1,80 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The Python examples of the documentation run as they are printed."""
+"""The Python examples of the documentation and its notebook run as they are printed."""
 
-import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import warnings
 from pathlib import Path
 
+import nbformat
 import pytest
-from documented import PAGES, ROOT
+from documented import PAGES, ROOT, blocks
+from matplotlib import pyplot as plt
 
-pytestmark = pytest.mark.slow
-
-EXAMPLES = [
-    (f"{page.name}-{number}", text)
+EXAMPLES = {
+    f"{page.name}-{number}": text
     for page in PAGES
     if page.name != "tutorial.md"  # its example needs what its commands made: test_docs_tutorial.py
-    for number, text in enumerate(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL))
-]
-
-
-def show(folder: Path) -> None:
-    """Show in a folder what a clone has, so that what an example writes does not land there."""
-    for name in ("scenes", "bags"):
-        (folder / name).symlink_to(ROOT / name)
-
-
-def run(
-    text: str, folder: Path, python: str = sys.executable, environment: dict[str, str] | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run an example in a folder that shows what a clone has."""
-    show(folder)
-    command = [python, "-W", "error", "-c", text]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
-
-
-#: Loads once what examples load, modules and compiled kernels, and runs each of them in a process forked from that.
-FORKING = """
-import json, os, sys
-import atpid_control, atpid_sim, matplotlib.pyplot
-scene = atpid_sim.standard_bench().with_(height=0.1)
-atpid_sim.simulate(scene)
-atpid_sim.steady_state(scene)
-assert len(os.listdir("/proc/self/task")) == 1, "a process with threads is not to be forked"
-for line in sys.stdin:
-    folder, text = json.loads(line)
-    child = os.fork()
-    if child == 0:
-        os.chdir(folder)
-        said = os.open("said.txt", os.O_CREAT | os.O_WRONLY)
-        os.dup2(said, 1)
-        os.dup2(said, 2)
-        exec(compile(text, "<example>", "exec"), {"__name__": "__main__"})
-        sys.exit()
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+    for number, text in enumerate(blocks(page, "python"))
+}
+#: Runs a notebook in a kernel of its own: FILE FOLDER RESULT.
+EXECUTE = """
+import sys, nbformat, nbclient
+notebook = nbformat.read(sys.argv[1], as_version=4)
+nbclient.NotebookClient(notebook, timeout=240, resources={"metadata": {"path": sys.argv[2]}}).execute()
+nbformat.write(notebook, sys.argv[3])
 """
 
 
-@pytest.fixture(scope="module")
-def forking() -> Iterator[subprocess.Popen[str]]:
-    """The process that runs examples."""
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # and no threads
-    command = [sys.executable, "-W", "error", "-c", FORKING]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as one:
-        yield one
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that shows what a clone has, so that what an example writes does not land there."""
+    for name in ("scenes", "bags"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-@pytest.mark.parametrize("text", [text for _, text in EXAMPLES], ids=[name for name, _ in EXAMPLES])
-def test_an_example_runs_as_printed(text: str, forking: subprocess.Popen[str], tmp_path: Path) -> None:
-    show(tmp_path)
-    assert forking.stdin is not None
-    assert forking.stdout is not None
-    forking.stdin.write(json.dumps([str(tmp_path), text]) + "\n")
-    forking.stdin.flush()
-    status = forking.stdout.readline().strip()
-    assert status == "0", (tmp_path / "said.txt").read_text()
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_runs_as_printed(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        exec(compile(EXAMPLES[name], name, "exec"), {"__name__": "__main__"})
+    plt.close("all")
 
 
-def test_reading_a_bag_needs_the_packages_folders_alone(tmp_path: Path) -> None:
+def test_reading_a_bag_needs_the_packages_folders_alone(folder: Path) -> None:
     """No ROS, no workspace: as docs/recording.md says for the interpreter of the environment without activation."""
-    page = (ROOT / "docs/recording.md").read_text()
-    shown = re.search(r"`PYTHONPATH=(\S+) \.venv/bin/python`", page)
+    shown = re.search(r"`PYTHONPATH=(\S+) \.venv/bin/python`", (ROOT / "docs/recording.md").read_text())
     assert shown is not None
-    text = next(text for name, text in EXAMPLES if name.startswith("recording.md"))
-    places = os.pathsep.join(str(ROOT / folder) for folder in shown[1].split(":"))
+    places = os.pathsep.join(str(ROOT / part) for part in shown[1].split(":"))
     environment = {"HOME": os.environ["HOME"], "PATH": "/usr/bin:/bin", "PYTHONPATH": places}
-    done = run(text, tmp_path, environment=environment)
+    command = [sys.executable, "-W", "error", "-c", EXAMPLES["recording.md-0"]]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
-    header, *rows = (tmp_path / "out/samples.csv").read_text().splitlines()
+    header, *rows = (folder / "out/samples.csv").read_text().splitlines()
     assert header == "time,support,beam"
     assert len(rows) == 8000
+
+
+def test_the_notebook_is_kept_without_outputs_and_shows_what_it_says(tmp_path: Path) -> None:
+    kept, made = ROOT / "docs/reading.ipynb", tmp_path / "made.ipynb"
+    code = [cell for cell in nbformat.reads(kept.read_text(), as_version=4).cells if cell.cell_type == "code"]  # type: ignore[no-untyped-call]
+    assert code
+    assert all(not cell.outputs and cell.execution_count is None for cell in code)
+    folders = {name: str(tmp_path / name) for name in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR")}
+    command = [sys.executable, "-c", EXECUTE, str(kept), str(kept.parent), str(made)]
+    done = subprocess.run(command, env=os.environ | folders, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    cells = nbformat.reads(made.read_text(), as_version=4).cells  # type: ignore[no-untyped-call]
+    outputs = [output for cell in cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+    text = "".join(output.get("text", "") for output in outputs)
+    assert "lost: 0" in text
+    (ratio,) = re.findall(r"^5\.470 Hz: (\d\.\d+), distortion 2\.\d+ %$", text, re.MULTILINE)
+    (line,) = re.findall(r"^5\.4\d Hz: \|H1\| = (\d\.\d+), coherence 0\.9", text, re.MULTILINE)
+    assert float(line) == pytest.approx(float(ratio), rel=0.02)  # two estimators, one answer

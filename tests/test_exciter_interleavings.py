@@ -3,8 +3,8 @@
 """Whatever is done to the exciter in whatever order: no output after a stop until it is armed and commanded anew.
 
 The nodes are the real ones over real DDS, with LabJack's own package on the stand-in T7, whose every sample is looked
-at. What is allowed is said by an account of the test's own (`exciter_account`). Order and logic are judged, and times
-only where they are far over, by how late the test itself was.
+at. What is allowed is said by an account of the test's own (`exciter_graph.Account`). Order and logic are judged, and
+times only where they are far over, by how late the test itself was.
 """
 
 import itertools
@@ -13,8 +13,8 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -27,23 +27,29 @@ from atpid_interfaces.msg import (
     ExcitationState,
     SampleBlock,
     SupervisorState,
-)
-from exciter_account import (
+)  # fmt: skip
+from excitation_rigs import output_process, stand_in
+from exciter_graph import (
+    ABORT,
+    BAND,
     EXCITER,
+    HIGHEST,
     HUNG,
     IDENTIFIER,
     MOTOR,
     STOPPED,
     SUPERVISOR,
+    TOLERANCE,
     UNREACHABLE,
     Account,
-    Arm,
     Ban,
     Decision,
+    Estimate,
+    Graph,
     Hang,
+    Stretch,
     refused,
 )
-from exciter_graph import ABORT, BAND, HIGHEST, TOLERANCE, Estimate, Graph, Stretch
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
@@ -58,9 +64,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.views.live.requests import Plain
 from atpid_driver.standins import build
-from atpid_driver.standins.build import environment
 
-pytestmark = pytest.mark.slow
 LONG = settings.get_current_profile_name() in ("long", "fresh")
 #: Interleavings in rounds, since hypothesis makes of one that it has drawn some that are nearly the same.
 ROUNDS = 100 if LONG else 1
@@ -190,8 +194,8 @@ class Stand:
                 return
 
     def turn(self, timeout: float = 0.01) -> None:
-        if time.monotonic() >= self.due:
-            self.due = time.monotonic() + PERIOD
+        if (now := time.monotonic()) >= self.due:
+            self.due = now + PERIOD
             if self.repeats:
                 self.send()
             if self.second is not None and self.second[2] is not None:
@@ -208,15 +212,13 @@ class Stand:
         self.commands.publish(decision.message)
 
     def decide(self, **values: Any) -> None:
-        """Command something new, and repeat it."""
-        command = ExcitationCommand(sequence=next(self.sequence), **values)
-        self._decided(command)
+        self._decided(ExcitationCommand(sequence=next(self.sequence), **values))
 
     def _decided(self, command: ExcitationCommand) -> None:
-        now = time.monotonic()
+        now, before = time.monotonic(), self.account.decision
         if command.kind == RANDOM:
             self.record.noise = True
-        elif not self.record.any(now - 0.5, now) and self._last_kind_is_not(RANDOM):
+        elif not self.record.any(now - 0.5, now) and (before is None or before.message.kind != RANDOM):
             self.record.noise = False
         decision = Decision(command, now, refused(command))
         self.account.decisions.append(decision)
@@ -228,10 +230,6 @@ class Stand:
         self.repeats, self.due = True, now + PERIOD
         self.rests = math.nan  # an output that a stop ends at once may lie between two states
         self.send()
-
-    def _last_kind_is_not(self, kind: int) -> bool:
-        decision = self.account.decision
-        return decision is None or decision.message.kind != kind
 
     def restart_commander(self) -> None:
         """Let the program that commands end and begin again: its first command is a new decision."""
@@ -286,7 +284,7 @@ class Stand:
             self.disarmed = math.nan
 
     def ask(self, name: str, answered: Callable[[bool, str, float], None]) -> Callable[[], bool]:
-        """Call a service, or do as the page does; return what tells whether it has been answered."""
+        """Call a service, or do as the page does; return whether it has been answered."""
         now, done = time.monotonic(), []
 
         def finished(success: bool, text: str) -> None:
@@ -310,7 +308,7 @@ class Stand:
         return lambda: bool(done)
 
     def stop(self, how: str) -> Callable[[], bool]:
-        """Stop in one way; return what tells whether it has been answered."""
+        """Stop in one way; return whether it has been answered."""
         now, account = time.monotonic(), self.account
         if how == "abort":
             self.displacement(2.0 * ABORT)
@@ -337,8 +335,8 @@ class Stand:
 
         return self.ask(how, answered)
 
-    def arm_exciter(self, how: str) -> tuple[Arm, Callable[[], bool]]:
-        """Arm the exciter in one way; return the arm, and what tells whether it has been answered."""
+    def arm_exciter(self, how: str) -> Callable[[], bool]:
+        """Arm the exciter in one way; return whether it has been answered."""
         arm = self.account.arm(time.monotonic())
 
         def answered(success: bool, text: str, asked: float) -> None:
@@ -349,7 +347,7 @@ class Stand:
             if success and refusing and self.unpermitted[0] < asked - late:
                 self.fail(f"{how} succeeded, while nothing was permitted since {self.unpermitted[0]:.3f} s")
 
-        return arm, self.ask(how, answered)
+        return self.ask(how, answered)
 
     def arm_all(self, how: str) -> Callable[[], bool]:
         """Clear the supervisor's stop, which leaves the exciter as it is."""
@@ -364,14 +362,12 @@ class Stand:
                                         data=[value] * 5))  # fmt: skip
 
     def hang(self, name: str, seconds: float) -> None:
-        """Let a node hang, and go on by itself."""
         self.account.hangs.append(Hang(name, time.monotonic()))
         self.graph.spinners[name].hang(seconds)
         self.note(f"{name} hangs for {seconds:g} s")
 
     def end_process(self, how: signal.Signals) -> None:
-        """Stop or kill the process of the output."""
-        if not (number := self.graph.output_process()):
+        if not (number := output_process(self.graph.folder)):
             return
         now = time.monotonic()
         self.record.undisturbed = False
@@ -445,7 +441,6 @@ class Stand:
         return bool(self.supervisor.permit and self.ceiling.mode in ARMED)
 
     def _answered(self, name: str) -> bool:
-        """Call a service; return whether it succeeded."""
         found: list[bool] = []
 
         def answered(success: bool, text: str, _asked: float) -> None:
@@ -492,15 +487,16 @@ ARMS = (f"{EXCITER}/rearm", "arm_exciter", "activate")
 
 
 def act(**drawn: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Any]:
-    """Return a rule that does nothing in an example that is left out."""
+    """Return a rule after which some time passes; it does nothing in an example that is left out."""
 
     def made(method: Callable[..., None]) -> Any:
         @wraps(method)
-        def guarded(self: "Interleaving", **values: Any) -> None:
+        def guarded(self: "Interleaving", then: float, **values: Any) -> None:
             if not self.left_out:
                 method(self, **values)
+                self.then(then)
 
-        return rule(**drawn)(guarded)  # type: ignore[call-overload]
+        return rule(**{"then": SHORT, **drawn})(guarded)  # type: ignore[call-overload]
 
     return made
 
@@ -535,141 +531,118 @@ class Interleaving(RuleBasedStateMachine):
         self.stand.spin(seconds)
         self.stand.judge()
 
-    def wait(self, answered: Callable[[], bool]) -> None:
+    def wait(self, answered: Callable[[], bool], waits: bool = True) -> None:
         """Wait for an answer, though not for one of a node that hangs."""
         end = time.monotonic() + 1.5
-        while not answered() and time.monotonic() < end:
+        while waits and not answered() and time.monotonic() < end:
             self.stand.turn()
 
-    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, hold=st.booleans(), then=SHORT)
-    def a_tone(self, amplitude: float, frequency: float, hold: bool, then: float) -> None:
-        self.stand.decide(kind=SINE, amplitude=amplitude, frequency=frequency, hold=hold)
-        self.then(then)
+    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, hold=st.booleans())
+    def a_tone(self, **values: Any) -> None:
+        self.stand.decide(kind=SINE, **values)
 
-    @act(amplitude=AMPLITUDES, ends=st.tuples(FREQUENCIES, FREQUENCIES), hold=st.booleans(), then=SHORT)
-    def a_sweep(self, amplitude: float, ends: tuple[float, float], hold: bool, then: float) -> None:
-        self.stand.decide(kind=SWEEP, amplitude=amplitude, frequency=ends[0], end_frequency=ends[1], hold=hold,
-                          duration=0.7)  # fmt: skip
-        self.then(then)
+    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, end_frequency=FREQUENCIES, hold=st.booleans())
+    def a_sweep(self, **values: Any) -> None:
+        self.stand.decide(kind=SWEEP, duration=0.7, **values)
 
-    @act(share=st.sampled_from([0.05, 0.15, 0.5]), hold=st.sampled_from([False, False, True]), then=SHORT)
-    def noise(self, share: float, hold: bool, then: float) -> None:
-        self.stand.decide(kind=RANDOM, amplitude=share * HIGHEST, frequency=5.0, end_frequency=15.0, hold=hold)
-        self.then(then)
+    @act(amplitude=st.sampled_from([0.05, 0.15, 0.5]).map(lambda share: share * HIGHEST),
+         hold=st.sampled_from([False, False, True]))  # fmt: skip
+    def noise(self, **values: Any) -> None:
+        self.stand.decide(kind=RANDOM, frequency=5.0, end_frequency=15.0, **values)
 
-    @act(then=SHORT)
-    def off(self, then: float) -> None:
+    @act()
+    def off(self) -> None:
         self.stand.decide(kind=OFF)
-        self.then(then)
 
-    @act(repeats=st.booleans(), then=SHORT)
-    def repeat_it_or_be_silent(self, repeats: bool, then: float) -> None:
+    @act(repeats=st.booleans())
+    def repeat_it_or_be_silent(self, repeats: bool) -> None:
         self.stand.repeats = repeats
         self.stand.note("goes on commanding" if repeats else "is silent")
-        self.then(then)
 
-    @act(seconds=SECONDS, then=SHORT)
-    def it_pauses_and_goes_on(self, seconds: float, then: float) -> None:
+    @act(seconds=SECONDS)
+    def it_pauses_and_goes_on(self, seconds: float) -> None:
         self.stand.repeats = False
         self.stand.note(f"is silent for {seconds:g} s")
         self.then(seconds)
         self.stand.repeats = self.stand.account.decision is not None
-        self.then(then)
 
-    @act(then=SHORT)
-    def the_commander_starts_again(self, then: float) -> None:
+    @act()
+    def the_commander_starts_again(self) -> None:
         self.stand.restart_commander()
-        self.then(then)
 
-    @act(speaks=st.booleans(), then=SHORT)
-    def a_second_commander_comes_or_leaves(self, speaks: bool, then: float) -> None:
+    @act(speaks=st.booleans())
+    def a_second_commander_comes_or_leaves(self, speaks: bool) -> None:
         if self.stand.second is None:
             self.stand.second_comes(speaks)
         else:
             self.stand.second_leaves()
-        self.then(then)
 
-    @act(speaks=st.booleans(), seconds=SECONDS, then=SHORT)
-    def a_second_commander_is_there_for_a_while(self, speaks: bool, seconds: float, then: float) -> None:
+    @act(speaks=st.booleans(), seconds=SECONDS)
+    def a_second_commander_is_there_for_a_while(self, speaks: bool, seconds: float) -> None:
         if self.stand.second is None:
             self.stand.second_comes(speaks)
         self.then(seconds)
         self.stand.second_leaves()
-        self.then(then)
 
-    @act(how=st.sampled_from(STOPS), waits=st.booleans(), then=SHORT)
-    def stop(self, how: str, waits: bool, then: float) -> None:
-        answered = self.stand.stop(how)
-        if waits:
-            self.wait(answered)
-        self.then(then)
+    @act(how=st.sampled_from(STOPS), waits=st.booleans())
+    def stop(self, how: str, waits: bool) -> None:
+        self.wait(self.stand.stop(how), waits)
 
-    @act(how=st.sampled_from([f"{SUPERVISOR}/rearm", "arm"]), waits=st.booleans(), then=SHORT)
-    def arm(self, how: str, waits: bool, then: float) -> None:
-        answered = self.stand.arm_all(how)
-        if waits:
-            self.wait(answered)
-        self.then(then)
+    @act(how=st.sampled_from([f"{SUPERVISOR}/rearm", "arm"]), waits=st.booleans())
+    def arm(self, how: str, waits: bool) -> None:
+        self.wait(self.stand.arm_all(how), waits)
 
-    @act(how=st.sampled_from(ARMS), waits=st.booleans(), then=SHORT)
-    def arm_exciter(self, how: str, waits: bool, then: float) -> None:
-        _, answered = self.stand.arm_exciter(how)
-        if waits:
-            self.wait(answered)
-        self.then(then)
+    @act(how=st.sampled_from(ARMS), waits=st.booleans())
+    def arm_exciter(self, how: str, waits: bool) -> None:
+        self.wait(self.stand.arm_exciter(how), waits)
 
-    @act(amplitude=AMPLITUDES, hold=st.booleans(), anew=st.booleans(), then=SHORT)
-    def a_person_arms_all_and_commands(self, amplitude: float, hold: bool, anew: bool, then: float) -> None:
+    @act(amplitude=AMPLITUDES, hold=st.booleans(), anew=st.booleans())
+    def a_person_arms_all_and_commands(self, amplitude: float, hold: bool, anew: bool) -> None:
         """As it should be done; without a new command nothing may happen."""
         stand = self.stand
         stand.graph.control.replug()
         self.wait(stand.arm_all("arm"))
-        self.wait(stand.arm_exciter("arm_exciter")[1])
+        self.wait(stand.arm_exciter("arm_exciter"))
         if anew:
             stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=10.0, hold=hold)
         else:
             stand.repeats = True
-        self.then(0.2 + then)
+        self.then(0.2)
 
-    @act(name=st.sampled_from([EXCITER, SUPERVISOR, MOTOR, IDENTIFIER]), seconds=SECONDS, then=SHORT)
-    def a_node_hangs(self, name: str, seconds: float, then: float) -> None:
+    @act(name=st.sampled_from([EXCITER, SUPERVISOR, MOTOR, IDENTIFIER]), seconds=SECONDS)
+    def a_node_hangs(self, name: str, seconds: float) -> None:
         self.stand.hang(name, seconds)
-        self.then(then)
 
-    @act(how=st.sampled_from([signal.SIGSTOP, signal.SIGKILL]), then=SHORT)
-    def the_process_of_the_output_ends(self, how: signal.Signals, then: float) -> None:
+    @act(how=st.sampled_from([signal.SIGSTOP, signal.SIGKILL]))
+    def the_process_of_the_output_ends(self, how: signal.Signals) -> None:
         self.stand.end_process(how)
-        self.then(then)
 
-    @act(how=st.sampled_from(["unplug", "replug", "glitch"]), then=SHORT)
-    def the_device(self, how: str, then: float) -> None:
+    @act(how=st.sampled_from(["unplug", "replug", "glitch"]))
+    def the_device(self, how: str) -> None:
         self.stand.device(how)
-        self.then(then)
 
     @act(
         quality=st.sampled_from([Excitation.STEADY, Excitation.STEADY, Excitation.TRANSIENT, Excitation.POOR,
                                  Excitation.NONE]),
         gain=st.sampled_from([1.0, 1.0, 0.3, 0.9, 1.015, 1.03, 2.0]), pitch=st.sampled_from([1.0, 1.0, 0.5, 0.97, 1.5]),
-        way=st.sampled_from(["fresh", "fresh", "frozen", "late", "none"]), then=SHORT,
+        way=st.sampled_from(["fresh", "fresh", "frozen", "late", "none"]),
     )  # fmt: skip
-    def it_is_identified(self, quality: int, gain: float, pitch: float, way: str, then: float) -> None:
+    def it_is_identified(self, quality: int, gain: float, pitch: float, way: str) -> None:
         identifier = self.stand.identifier
         identifier.quality, identifier.gain, identifier.pitch, identifier.way = quality, gain, pitch, way
         self.stand.note(f"identified: quality {quality}, {gain:g} of the amplitude, {pitch:g} of the frequency, {way}")
-        self.then(then)
 
-    @act(seconds=st.sampled_from([0.5, 1.0, 2.0]))
-    def time_passes(self, seconds: float) -> None:
-        self.then(seconds)
+    @act(then=st.sampled_from([0.5, 1.0, 2.0]))
+    def time_passes(self) -> None:
+        pass
 
     def teardown(self) -> None:
         """Nothing starts by itself, and nothing goes on once it is due to be off."""
         stand = self.stand
         if self.left_out or stand.problem or stand.record.broken:
             return
-        end = time.monotonic() + 0.25
-        graph = stand.graph
-        while time.monotonic() < end or stand.waiting or any(one.hanging for one in graph.spinners.values()) or (
+        end, spinners = time.monotonic() + 0.25, stand.graph.spinners.values()
+        while time.monotonic() < end or stand.waiting or any(one.hanging for one in spinners) or (
             stand.account.pending(time.monotonic()) and stand.record.any(time.monotonic() - 0.1, time.monotonic())
         ):  # fmt: skip
             stand.turn()
@@ -682,22 +655,9 @@ def seeds() -> list[int]:
     return [random.SystemRandom().getrandbits(32) for _ in range(ROUNDS)] if fresh else list(range(ROUNDS))
 
 
-@contextmanager
-def stand_in(folder: Path) -> Iterator[Stand]:
-    """Start the stand."""
-    made = Stand(folder, build())
-    try:
-        yield made
-    finally:
-        made.close()
-
-
 def test_no_interleaving_breaks_a_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    library = build()
-    files = {"ljm_control": tmp_path / "control", "ljm_output": tmp_path / "output"}
-    for name, value in environment(library, **files).items():  # type: ignore[arg-type]
-        monkeypatch.setenv(name, value)
-    with stand_in(tmp_path) as stand:
+    stand_in(tmp_path, monkeypatch)
+    with closing(Stand(tmp_path, build())) as stand:
         stand.graph.until(lambda: stand.state.mode == ExcitationState.OFF and stand.supervisor.permit, stand.turn)
 
         class OfThisStand(Interleaving):

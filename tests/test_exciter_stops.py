@@ -10,24 +10,23 @@ from atpid_driver.emulator import missing_tools
 from studies.exciter_events import EVENTS, Occurrence
 from studies.exciter_stops import measured
 
-pytestmark = pytest.mark.slow
-#: What a machine with other work may add to a time that is allowed, and to that between two looks at the voltage [s].
-BUSY = 0.3
+#: What may be added to a time that is allowed, and to that between two looks at the voltage [s].
+BUSY = 0.45
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.wall_time
 def test_a_stop_and_a_kill_end_with_the_output_off() -> None:
     if missing_tools():
         assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
         pytest.skip(f"left out: the real firmware on the emulated board; missing {', '.join(missing_tools())}")
-    chosen = {"Ctrl-C at the terminal", "excitation"}
+    chosen = {"SIGSTOP of a node": "excitation", "Ctrl-C at the terminal": "Ctrl-C at the terminal"}
     events = [
-        Occurrence(event.name, [case for case in event.cases if case.name in chosen])
+        Occurrence(event.name, [case for case in event.cases if case.name == chosen[event.name]])
         for event in EVENTS
-        if not event.name.startswith("SIGT")
+        if event.name in chosen
     ]
-    seen = [one for _, one in measured(events, "labjack_stream")]
-    assert [one.case.name for one in seen] == ["excitation", "Ctrl-C at the terminal", "excitation"]
-    for one in seen:
+    (name, halted), (last, ended) = measured(events, "labjack_stream")
+    assert [name, last] == list(chosen)
+    for one in (halted, ended):
         assert -BUSY < one.off <= one.case.allowed + BUSY, one
-    assert "arm exciter" in seen[0].go_on  # a busy machine may have stopped the motor too
+    assert {"arm", "exciter"} <= set(halted.go_on.replace(",", "").split())  # the motor may have been stopped too

@@ -27,6 +27,7 @@ from atpid_control.stand.domain import own_domain
 from atpid_control.stand.errors import NodeDiedError
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
+from atpid_sim.system import Array
 from studies.cli import main
 from studies.fault_matrix import command, paced, sequences
 from studies.fault_matrix.journal import Journal
@@ -51,13 +52,7 @@ ROWS = [
     ("motor", "stuck", "fault", 5.0),
     ("clock", "off", "fault", 0.1),
 ]
-#: Each as one above: the same watch finds another channel that is stuck, the same comparison another laser that lags,
-#: the same clock a stamp an hour ahead (`test_stamps_and_indices_count_the_same_time`).
-LIKE_THEM = [
-    ("beam_laser", "slow", "drift", 3.0),
-    ("accelerometer", "stuck", "fault", 0.25),
-    ("clock", "wrong", "fault", 0.1),
-]
+FAULT = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}
 #: The part whose seven rows the command runs, once for all tests.
 COMMANDED = "support_laser"
 SETTINGS = SignalSettings(dead_time=0.2, frozen_time=0.2, largest_velocity=30.0, recovery_time=0.5, invalid_share=0.2)
@@ -75,11 +70,10 @@ class Runs:
 
     def run(self, faults: tuple[Injected, ...], folder: Path, name: str) -> Finished:
         """Run as `studies.fault_matrix.run.run`; return the finished run again where nothing fails before its end."""
-        if faults not in map(reference_of, PARTS):
-            return run(faults, folder, name)
-        if faults not in self._usual:
-            self._usual[faults] = run(faults, folder, name)
-        return self._usual[faults]
+        made = self._usual.get(faults) or run(faults, folder, name)
+        if faults in map(reference_of, PARTS):
+            self._usual[faults] = made
+        return made
 
     def reference(self, part: str) -> Finished:
         """Return the run without a fault that the part is compared with."""
@@ -114,38 +108,30 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
 
 
 #: A twelfth of the others, beside those of the command. `python -m studies faults` acts them all.
-OTHERS = sorted({one for one in rows() if one[0] in LOCKSTEP} - {(part, kind) for part, kind, *_ in ROWS + LIKE_THEM})
+OTHERS = sorted({one for one in rows() if one[0] in LOCKSTEP} - {(part, kind) for part, kind, *_ in ROWS})
 SOME = OTHERS if LONG else [one for one in OTHERS if one[0] != COMMANDED][::12]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("part", "kind"), SOME)
 def test_a_fault_is_felt(part: str, kind: str, runs: Runs) -> None:
     assert problems(runs.row(part, kind)) == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("part", "kind", "event", "latest"), ROWS + LIKE_THEM if LONG else ROWS)
+@pytest.mark.parametrize(("part", "kind", "event", "latest"), ROWS)
 def test_a_fault_is_felt_and_ends_as_documented(part: str, kind: str, event: str, latest: float, runs: Runs) -> None:
     row = runs.row(part, kind)
     assert problems(row) == []
-    if not event:
-        assert row.detected is None
-    else:
-        assert row.detected is not None
-        assert row.detected.kind == event
-        assert row.detected.time - BEGIN <= latest
+    assert (row.detected.kind if row.detected else "") == event
+    assert row.detected is None or row.detected.time - BEGIN <= latest
     assert math.isfinite(row.recovery)
 
 
-@pytest.mark.slow
 def test_a_fault_that_is_not_acted_is_noticed(runs: Runs) -> None:
     usual = runs.reference("support_laser")
-    row = row_of(Injected("support_laser", "off", BEGIN, END), usual, usual)
-    assert problems(row) == ["support_laser off: the fault was not felt"]
+    (problem,) = problems(row_of(Injected("support_laser", "off", BEGIN, END), usual, usual))
+    assert {"support_laser", "off:", "not", "felt"} <= set(problem.split())
 
 
-@pytest.mark.slow
 def test_the_command_runs_a_part_of_the_matrix(
     runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,14 +144,12 @@ def test_the_command_runs_a_part_of_the_matrix(
     assert main(["faults", "--out", str(tmp_path / "mine")]) == 2
 
 
-@pytest.mark.slow
 def test_a_random_sequence_ends_in_documented_states(runs: Runs, tmp_path: Path) -> None:
     """One of eight faults; all but two are long enough to be felt."""
     given = ["--sequences", "1", "--seed", "7", "--out", str(tmp_path / "out")]
     assert runs.command(*given, "--faults", "8") == 0
-    found = re.search(r"1 sequences of 8 faults, seed 7, (\d+) felt: none failed", "\n".join(runs.printed))
-    assert found
-    assert int(found[1]) >= 6
+    ((felt, failed),) = re.findall(r"^1 .* 8 .* 7, (\d+) felt: (\w+) failed", "\n".join(runs.printed), re.MULTILINE)
+    assert (int(felt) >= 6, failed) == (True, "none")
     assert not list((tmp_path / "out").glob("sequence-*"))  # those that pass leave nothing
     assert main(["faults", *given, "--faults", "4"]) == 2
 
@@ -180,55 +164,47 @@ def test_a_sequence_is_drawn_again_from_its_seed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "more", "way"),
+    ("part", "command", "way"),
     [
-        ("serial_link", [], "which has no serial link, cannot act faults of serial_link"),
-        ("serial_link", ["--real-time"], "--emulated-stand"),
-        ("recorder", [], "whose recorder is no process, cannot act faults of recorder"),
+        ("serial_link", "bench", "serial"),
+        ("serial_link", "bench --real-time", "--emulated-stand"),
+        ("recorder", "bench", "process"),
+        ("support_laser", "stand", "stand"),
     ],
 )
 def test_what_cannot_be_acted_is_refused_by_name(
-    part: str, more: list[str], way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    part: str, command: str, way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    faults = [{"part": part, "kind": "off", "from": 1.0, "to": 2.0}]
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
-    scene = standard_bench(ceiling=ceiling, duration=4.0, faults=faults)
+    scene = standard_bench(ceiling=ceiling, duration=4.0, faults=[FAULT | {"part": part}])
     (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
-    assert control(["bench", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "out"), *more]) == 2
-    assert way in capsys.readouterr().err.splitlines()[-1]
+    name, *more = command.split()
+    out = ["--out", str(tmp_path / "out")] if name == "bench" else []
+    assert control([name, str(tmp_path / "scene.yaml"), *out, *more]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert part in line
+    assert way in line
 
 
 @pytest.mark.parametrize(
-    ("fault", "reason"),
+    ("faults", "reason"),
     [
-        ({"part": "accelerometer"}, "only where sensors.accelerometer is given"),
-        ({"from": 2.0, "to": 1.0}, "rising times"),
-        ({"value": 1.0}, "none, this kind has no value"),
-        ({"kind": "broken"}, "allowed"),
+        ([{"part": "accelerometer"}], "sensors.accelerometer"),
+        ([{"from": 2.0, "to": 1.0}], "rising"),
+        ([{"value": 1.0}], "none"),
+        ([{"kind": "broken"}], "allowed"),
+        ([{}, {"from": 1.5, "to": 3.0}], "one"),
+        ([{"from": 100.0, "to": 101.0}], "end"),
+        ([{"part": "motor"}], "controller"),
     ],
 )
-def test_a_fault_that_cannot_be_is_one_line(fault: dict[str, object], reason: str) -> None:
-    given = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0} | fault
-    with pytest.raises(SceneError, match=reason) as refused:
-        standard_bench(faults=[given])
-    assert "\n" not in str(refused.value)
+def test_a_fault_that_cannot_be_is_one_line(faults: list[dict[str, object]], reason: str) -> None:
+    with pytest.raises(SceneError, match=rf"^[^\n]*\b{reason}\b[^\n]*$"):
+        standard_bench(faults=[FAULT | fault for fault in faults]).require_faults_fit()
 
 
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [({"from": 100.0, "to": 101.0}, "before the run's end"), ({"part": "motor"}, "where a controller moves")],
-)
-def test_a_fault_that_the_run_would_not_have_is_refused(fault: dict[str, object], reason: str) -> None:
-    given = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0} | fault
-    with pytest.raises(SceneError, match=reason):
-        standard_bench(faults=[given]).require_faults_fit()
-
-
-def test_one_fault_of_a_part_at_a_time() -> None:
-    first = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}
-    with pytest.raises(SceneError, match="one fault of a part at a time"):
-        standard_bench(faults=[first, first | {"from": 1.5, "to": 3.0}])
-    assert len(standard_bench(faults=[first, first | {"from": 2.0, "to": 3.0}]).injected) == 2
+def test_faults_of_a_part_may_follow_one_another() -> None:
+    assert len(standard_bench(faults=[FAULT, FAULT | {"from": 2.0, "to": 3.0}]).injected) == 2
 
 
 def test_the_text_of_a_fault_is_read_back() -> None:
@@ -241,21 +217,24 @@ def test_the_text_of_a_fault_is_read_back() -> None:
             parsed([line], PARTS, "a test")
 
 
+def acted(fault: Injected, block: int) -> Array:
+    """Return the tone with a fault, acted block by block."""
+    faults = ChannelFaults("support_laser", RATE, 1)
+    starts = range(0, TONE.size, block)
+    return np.concatenate([faults.act([fault], first, TONE[first : first + block]) for first in starts])
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_channel_is_as_without_the_fault_before_and_after(kind: str) -> None:
-    fault, faults = Injected("support_laser", kind, 2.0, 3.0), ChannelFaults("support_laser", RATE, 1)
-    out = np.concatenate([faults.act([fault], first, TONE[first : first + 70]) for first in range(0, TONE.size, 70)])
+    out = acted(Injected("support_laser", kind, 2.0, 3.0), 70)
     assert np.array_equal(out[:2000], TONE[:2000])
     assert np.array_equal(out[3000:], TONE[3000:])
     assert not np.array_equal(out[2000:3000], TONE[2000:3000], equal_nan=True)
 
 
 def test_closed_forms_of_the_kinds() -> None:
-    def acted_on(kind: str, value: float = math.nan) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-        faults = ChannelFaults("support_laser", RATE, 1)
-        fault = Injected("support_laser", kind, 2.0, 5.0, value)
-        parts = [faults.act([fault], first, TONE[first : first + 50]) for first in range(0, TONE.size, 50)]
-        return np.concatenate(parts)
+    def acted_on(kind: str, value: float = math.nan) -> Array:
+        return acted(Injected("support_laser", kind, 2.0, 5.0, value), 50)
 
     assert np.all(np.isnan(acted_on("off")[2000:5000]))
     assert np.all(acted_on("stuck")[2000:5000] == TONE[1999])
@@ -275,7 +254,7 @@ def test_stamps_of_a_faulty_clock() -> None:
     assert stamps.shift([Injected("clock", "slow", 1.0, 2.0, 0.1)], 1.5, 1_500_000_000) == -50_000_000
 
 
-def states(readings: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[tuple[int, ChannelState]]:
+def states(readings: Array) -> list[tuple[int, ChannelState]]:
     watch, found = SignalWatch(SETTINGS), []
     for first in range(0, readings.size, 50):
         changed = watch.push(RATE, readings[first : first + 50])
@@ -292,15 +271,14 @@ def test_a_tone_is_plausible_and_so_is_a_structure_that_comes_to_rest() -> None:
     assert states(np.zeros(3000)) == []  # a support that never moves
 
 
-@pytest.mark.parametrize("phase", range(2000, 2190, 13))
-def test_a_stop_in_mid_motion_is_found_whatever_its_phase(phase: int) -> None:
-    stuck = TONE.copy()
-    stuck[phase:4000] = TONE[phase]
-    (at, found), (again, ended) = states(stuck)
-    assert found is ChannelState.FROZEN
-    assert at <= phase + 250
-    assert ended is ChannelState.PLAUSIBLE
-    assert 4500 <= again <= 4600
+def test_a_stop_in_mid_motion_is_found_whatever_its_phase() -> None:
+    for phase in range(2000, 2190, 13):
+        stuck = TONE.copy()
+        stuck[phase:4000] = TONE[phase]
+        (at, found), (again, ended) = states(stuck)
+        assert (found, ended) == (ChannelState.FROZEN, ChannelState.PLAUSIBLE)
+        assert at <= phase + 250
+        assert 4500 <= again <= 4600
 
 
 def test_dead_impossible_and_intermittent_channels() -> None:
@@ -308,9 +286,9 @@ def test_dead_impossible_and_intermittent_channels() -> None:
     dead[2000:3000] = np.nan
     jumping[2000:3000] = np.random.default_rng(1).uniform(-0.15, 0.15, 1000)
     gaps[2000:4000].reshape(-1, 100)[:, 50:] = np.nan
-    assert [state for _, state in states(dead)] == [ChannelState.INVALID, ChannelState.PLAUSIBLE]
-    assert [state for _, state in states(jumping)] == [ChannelState.IMPOSSIBLE, ChannelState.PLAUSIBLE]
-    assert [state for _, state in states(gaps)] == [ChannelState.INTERMITTENT, ChannelState.PLAUSIBLE]
+    found = [[state for _, state in states(readings)] for readings in (dead, jumping, gaps)]
+    expected = (ChannelState.INVALID, ChannelState.IMPOSSIBLE, ChannelState.INTERMITTENT)
+    assert found == [[state, ChannelState.PLAUSIBLE] for state in expected]
 
 
 def test_stamps_and_indices_count_the_same_time() -> None:
@@ -321,38 +299,21 @@ def test_stamps_and_indices_count_the_same_time() -> None:
     assert watch.push(300.0, 0, RATE) is None  # another stream begins
 
 
-def test_the_page_names_all_56_rows_and_what_bounds_the_undetected_ones() -> None:
-    text = (Path(__file__).parents[1] / "docs" / "faults.md").read_text(encoding="utf-8")
-    for part in PARTS:
-        section = text.partition(f"## {part.replace('_', ' ').capitalize()}\n")[2].partition("\n## ")[0]
-        for kind in KINDS:
-            assert kind in section, f"{part} {kind}"
-    assert "is not detected: not detected" not in text
+def test_a_page_is_made_of_rows() -> None:
+    row = Row("clock", "off", True, None, None, math.inf, 0.1, 0.2, 0.3, 1.0, 0.0, True, True, "")
+    seen = Seen(2.6, 1, "link", "no answer")
+    late = PacedRow("serial_link", "off", True, seen, None, 0.5, True, 0.0, 0.0, "whole", 8.0, (), "")
+    text = page([row, late])
+    assert re.search(r"^\| off \| .* \| no \|", text, re.MULTILINE)
+    assert re.search(r"`link` \| 1\.10 \|  \| 0\.50 \| .* \| .*8\.0 s \|", text)
     assert set(remarks()) - {"undetected"} == set(PARTS) == set(FAULT_KINDS)
 
 
-def test_a_page_is_made_of_rows() -> None:
-    row = Row("clock", "off", True, None, None, math.inf, 0.1, 0.2, 0.3, 1.0, 0.0, True, True, "")
-    assert "| off | stamps are zero: no source of time | no |" in page([row])
-    late = PacedRow(
-        "serial_link", "off", True, Seen(2.6, 1, "link", "no answer"), None, 0.5, True, 0.0, 0.0, "whole", 8.0, (), ""
-    )
-    assert "| event `link` | 1.10 |  | 0.50 | goes on | whole, 8.0 s |" in page([row, late])
-
-
-def test_the_stand_refuses_injected_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = standard_bench(faults=[{"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}])
-    (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
-    assert control(["stand", str(tmp_path / "scene.yaml")]) == 2
-    assert "the stand cannot act faults of support_laser" in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_the_bench_spoils_the_recorders_disk_and_kills_it_from_outside(tmp_path: Path) -> None:
     of_disk, death = ({"part": "recorder", "kind": kind, "from": begin, "to": begin + 1.0}
                       for kind, begin in (("garbage", 0.5), ("off", 1.5)))  # fmt: skip
     (tmp_path / "scene.yaml").write_text(standard_bench(faults=[of_disk, death]).to_yaml(), encoding="utf-8")
-    with pytest.raises(NodeDiedError, match="recorder_node ended with status -9: by SIGKILL"):
+    with pytest.raises(NodeDiedError, match=r"recorder_node .*-9.*SIGKILL"):
         in_real_time(tmp_path / "scene.yaml", tmp_path / "out")
     recovered = recover(tmp_path / "out" / "bag", tmp_path / "recovered")
     assert len(recovered.lost) > 3, recovered.lost
@@ -377,11 +338,13 @@ def test_rows_in_real_time_are_judged(tmp_path: Path) -> None:
     row = paced.row_of(fault, link_run(1.0, recorded), usual)
     assert row.felt
     assert row.motor_off == pytest.approx(0.5, abs=0.03)
-    assert paced.problems(row) == ["serial_link off: 8 s are in the bag"]  # of the run of another length
-    unfelt = paced.row_of(fault, usual, usual)
-    assert "serial_link off: the fault was not felt" in paced.problems(unfelt)
+    (problem,) = paced.problems(row)
+    assert {"serial_link", "off:", "8", "bag"} <= set(problem.split())  # of the run of another length
+    unfelt = paced.problems(paced.row_of(fault, usual, usual))
+    assert any({"serial_link", "not", "felt"} <= set(problem.split()) for problem in unfelt)
     died = Injected("recorder", "off", paced.BEGIN, paced.END)
-    assert "recorder off: the run went on" in paced.problems(paced.row_of(died, usual, usual))
+    went_on = paced.problems(paced.row_of(died, usual, usual))
+    assert any({"recorder", "went", "on"} <= set(problem.split()) for problem in went_on)
     # and kept
     journal = Journal(tmp_path)
     journal.add(row)
@@ -390,4 +353,4 @@ def test_rows_in_real_time_are_judged(tmp_path: Path) -> None:
 
 
 def unused(*_: object) -> Paced:
-    raise AssertionError("a run that is kept is not made again")
+    pytest.fail("a run that is kept is not made again")

@@ -28,8 +28,7 @@ F = 5.4
 
 
 def commanded(scenes: Path, folder: Path, **changes: Any) -> Path:
-    excitation = {"commanded": True, "amplitude": 0.03, "frequency": F}
-    own = {"excitation": excitation, "duration": 8.0, "steady_window": [7.5, 8.0]} | changes
+    own = {"excitation": {"commanded": True, "amplitude": 0.03, "frequency": F}} | changes
     return scene_file(scenes / "stand_realtime.yaml", folder, **own)
 
 
@@ -62,7 +61,7 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
 ) -> None:
     sine = {"kind": ExcitationCommand.SINE, "amplitude": 0.02, "frequency": F}
     bag = in_lockstep(
-        commanded(scenes, tmp_path), tmp_path / "run",
+        commanded(scenes, tmp_path, duration=8.0, steady_window=[7.5, 8.0]), tmp_path / "run",
         Operator([(1.0, sine), (4.0, sine | {"frequency": 5.0}), (6.0, {"kind": ExcitationCommand.OFF})]),
     )  # fmt: skip
     support, states = series(bag, "support"), [message for _, message in bag.messages("/excitation/state")]
@@ -131,9 +130,8 @@ def excited(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Excited:
     with pytest.raises(NodeDiedError) as error:
         in_real_time(path, folder / "run", killer)
     assert killer.process is not None
-    status = killer.process.poll()
-    bag = open_bag(folder / "run" / "bag")
-    return Excited(status, killer.output.read_text(), killer.shared_memory, bag, str(error.value))
+    bag, printed = open_bag(folder / "run" / "bag"), killer.output.read_text()
+    return Excited(killer.process.poll(), printed, killer.shared_memory, bag, str(error.value))
 
 
 def test_an_operator_excites_until_ctrl_c(excited: Excited) -> None:
@@ -152,6 +150,6 @@ def test_an_operator_excites_until_ctrl_c(excited: Excited) -> None:
 
 
 def test_a_node_that_dies_stops_the_run_with_its_name(excited: Excited) -> None:
-    assert excited.end.startswith("motor_node ended with status -9: ")
+    assert {"motor_node", "-9:"} <= set(excited.end.split())
     assert not excited.shared_memory
     assert verify(excited.bag.path).by_topic["/sensors/laser"] > 0

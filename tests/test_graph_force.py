@@ -6,6 +6,7 @@ The emulated stand, which then reads a load cell: test_emulated_stand.py.
 """
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,6 @@ from atpid_control.cli import main
 from atpid_control.runs.run import Run, open_run
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.simulate import simulate
-
-pytestmark = pytest.mark.slow
 
 FORCE, NOISE = 4.0, 0.02
 #: The thesis's beam in three modes, a force at three quarters of its length (`atpid modes cantilever`).
@@ -105,8 +104,7 @@ def test_what_drives_has_its_own_channel_and_unit(run: Run) -> None:
 
 def test_the_report_shows_force_and_modes(out: Path) -> None:
     page = (out / "report.html").read_text()
-    for text in ("<th>force amplitude</th>", "reduction, force ±4 N", "The force supplied", "with the grain held",
-                 "174.07 Hz", r"N\u00b2/Hz and m\u00b2/Hz", "mode 3"):  # fmt: skip
+    for text in ("force amplitude", "±4 N", "174.07 Hz", r"N\u00b2/Hz and m\u00b2/Hz", "mode 3"):
         assert text in page
     assert "support amplitude" not in page.lower()
 
@@ -114,8 +112,8 @@ def test_the_report_shows_force_and_modes(out: Path) -> None:
 def test_a_replay_of_a_force_answers_alike(out: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(out / "bag"), "--out", str(tmp_path / "again")]) == 0
     printed = capfd.readouterr().out
-    assert "/excitation: 180 of 180 agree" in printed
-    assert "/ceiling/command: 180 of 180 agree" in printed
+    agreeing = re.findall(r"(\S+): (\d+) of (\d+)", printed)
+    assert agreeing == [("/excitation", "180", "180"), ("/ceiling/command", "180", "180")]
 
 
 def test_a_recorded_force_drives_its_simulation(out: Path, tmp_path: Path) -> None:
@@ -130,5 +128,5 @@ def test_runs_under_force_and_support_are_not_compared_by_excitation(
     other = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"
     assert main(["bag", "compare", str(out / "bag"), str(other), "--out", str(tmp_path / "both")]) == 0
     printed = capfd.readouterr().out
-    assert "their excitations are not compared" in printed
-    assert "excitation, identified" not in printed
+    assert {"excitations", "not", "compared"} <= set(re.findall(r"\w+", printed))
+    assert not re.search(r"excitation, \w", printed)

@@ -12,7 +12,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -20,12 +19,11 @@ import pytest
 import rclpy
 from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sourced
 from graph_runs import scene_file, wait_until
-from rclpy.node import Node
 
 from atpid_control.stand.processes import START_NODE
 from atpid_driver.emulator import missing_tools
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # of the build and of all packages' tests
+pytestmark = [pytest.mark.timeout(1200)]  # of the build and of all packages' tests
 COLCON = [sys.executable, "-m", "colcon"]
 IMPORT_ALL = """
 import importlib, os, pkgutil, sys
@@ -40,13 +38,14 @@ for name in sys.argv[1:]:
         except ModuleNotFoundError as error:  # the wheels have no launch; one module is a plugin of pytest
             if error.name.partition(".")[0] not in ("launch", "launch_ros", "hypothesis"):
                 raise
+import atpid_control, atpid_sim
+assert atpid_sim.open_run is atpid_control.open_run  # what a package adds to the physics
 """
 MESSAGES = "atpid_interfaces"
 #: Whether `make test-install` runs this: with the messages, C++ for them too, and all of the packages' tests.
 EVERYTHING = os.environ.get("ATPID_COLCON_TESTS") == "all"
-#: Else some of what is read from the installation: names of tests, and the only files that are loaded to look for them.
-PART = "parameter or registry or copyright or key or yaml"
-FILES = "test_*parameters.py test_*registry.py test_copyright_*.py test_hostile_files.py test_api.py"
+#: Else the tests of these files only.
+FILES = "test_*parameters.py test_copyright_*.py"
 #: What each executable needs to stay; `{}` is the folder of the inputs.
 EXECUTABLES = {
     ("atpid_sim", "plant_node"): ["plant.yaml", "scene:={}/scene.yaml"],
@@ -114,29 +113,25 @@ def recorded(shell: dict[str, str], inputs: Path) -> Path:
     return inputs / "out"
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_file_is_installed(package: str, workspace: Path) -> None:
-    assert differences(package, workspace / "install" / package) == []
-    assert [path for path in (workspace / "install" / package).rglob("*") if path.is_symlink()] == []
-
-
-def test_no_empty_folder_is_installed(workspace: Path) -> None:
-    shares = (workspace / "install").glob("*/share/atpid_*/**/")
-    assert [folder for folder in shares if not any(folder.iterdir())] == []
+def test_every_file_is_installed(workspace: Path) -> None:
+    install = workspace / "install"
+    assert {package: found for package in PACKAGES if (found := differences(package, install / package))} == {}
+    shared = list(install.glob("*/share/atpid_*/**/"))
+    assert [folder for folder in shared if not any(folder.iterdir())] == []
+    assert [path for package in PACKAGES for path in (install / package).rglob("*") if path.is_symlink()] == []
 
 
 def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
     # `make test` has run them from the repository: here a part, unless all are asked for, as by `make test-install`;
     # colcon takes off the blank before a dash
-    command = [*COLCON, "test", "--return-code-on-test-failure", "--pytest-args", " -m", "not slow"]
-    command += [] if EVERYTHING else [" -k", PART, " -o", f"python_files={FILES}", "--packages-skip", MESSAGES]
+    part = ["--packages-skip", MESSAGES, "--pytest-args", " -o", f"python_files={FILES}"]
+    command = [*COLCON, "test", "--return-code-on-test-failure", *([] if EVERYTHING else part)]
     run(command, workspace, environment())
     *files, _, summary = run([*COLCON, "test-result", "--all"], workspace, environment()).splitlines()
     counts = {file.split("/")[1]: int(file.split()[1]) for file in files}
     assert counts.keys() == set(PACKAGES) - {MESSAGES}  # which has no tests
-    assert min(counts.values()) > 10
-    print(summary)
-    assert re.fullmatch(r"Summary: \d+ tests, 0 errors, 0 failures, \d+ skipped", summary)
+    assert min(counts.values()) > 0
+    assert re.search(r" 0 errors, 0 failures, ", summary)
 
 
 def test_every_module_is_there_without_what_only_tests_need(
@@ -154,25 +149,20 @@ def test_every_module_is_there_without_what_only_tests_need(
     assert [file for file in files if not file.startswith(f"{removed}/install/")] == []
 
 
-@pytest.fixture
-def graph() -> Iterator[Node]:
-    """A node that sees which others are there."""
+@pytest.mark.usefixtures("recorded")  # in `inputs`
+def test_every_executable_starts_and_ends(removed: Path, shell: dict[str, str], inputs: Path, tmp_path: Path) -> None:
+    """However often and by whichever signal it is asked: status 0, and nothing printed that looks like a failure."""
     context = rclpy.Context()
     context.init()
-    node = rclpy.create_node("observer", context=context)
-    yield node
-    node.destroy_node()
-    context.shutdown()
-
-
-def test_every_executable_starts_and_ends(
-    removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: Node
-) -> None:
-    """However often and by whichever signal it is asked: status 0, and nothing printed that looks like a failure."""
+    observer = rclpy.create_node("observer", context=context)
     install = removed / "install"
     found = {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")}
     assert found == {*EXECUTABLES}
     processes = {}
+
+    def names() -> set[str]:
+        return set(observer.get_node_names())
+
     try:
         for (package, name), (file, *values) in EXECUTABLES.items():
             command = [*START_NODE, str(install / package / "lib" / package / name)]  # as the bench does
@@ -181,39 +171,28 @@ def test_every_executable_starts_and_ends(
             command += [word for value in values for word in ("-p", value.format(inputs))]
             with (tmp_path / name).open("w") as log:
                 processes[name] = subprocess.Popen(command, cwd=tmp_path, env=shell, stdout=log, stderr=log)
-        wait_until(lambda: processes.keys() <= set(graph.get_node_names()) or ended(processes))
+        wait_until(lambda: processes.keys() <= names() or any(one.poll() is not None for one in processes.values()))
+        assert processes.keys() <= names()
     finally:
         for process in processes.values():
             for number in (signal.SIGTERM, signal.SIGINT, signal.SIGINT):
                 process.send_signal(number)
         statuses = {name: process.wait() for name, process in processes.items()}
+        observer.destroy_node()
+        context.shutdown()
     printed = {name: (tmp_path / name).read_text() for name in processes}
     words = ("Traceback", "Exception ignored", "error")
     failed = [name for name in processes if statuses[name] or any(word in printed[name] for word in words)]
     assert failed == [], [(name, statuses[name], printed[name]) for name in failed]
 
 
-def ended(processes: dict[str, subprocess.Popen[bytes]]) -> bool:
-    return any(process.poll() is not None for process in processes.values())
-
-
-def test_the_bench_makes_its_report(recorded: Path) -> None:
+def test_the_bench_makes_its_report(removed: Path, shell: dict[str, str], recorded: Path) -> None:
+    # by the executable of the launch files as well
+    assert "--params-file" in run([removed / "install/atpid_control/bin/atpid", "stand", "--help"], ROOT, shell)
     assert json.loads((recorded / "summary.json").read_text())["stages"]
     page = next(recorded.rglob("report.html")).read_text()
     for name in ("page.css", "page.js"):
         assert (ROOT / "atpid_control/atpid_control/views/report/data" / name).read_text().strip()[-60:] in page
-
-
-def test_the_executable_of_the_launch_files_has_every_command(removed: Path, shell: dict[str, str]) -> None:
-    program = removed / "install/atpid_control/bin/atpid"
-    printed = run([program, "stand", "--help"], ROOT, shell)
-    assert "--params-file" in printed
-
-
-@pytest.mark.parametrize("name", ["bench", "replay", "stand"])
-def test_the_launch_files_are_installed(name: str, removed: Path) -> None:
-    installed = removed / f"install/atpid_control/share/atpid_control/launch/{name}.launch.py"
-    assert installed.read_text() == (ROOT / f"atpid_control/launch/{name}.launch.py").read_text()
 
 
 def test_the_device_stand_ins_compile(shell: dict[str, str], tmp_path: Path) -> None:

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch files, run with `ros2 launch` where it is installed: they start the commands and end as those do.
 
-It is not among the wheels; there these tests are left out. What the commands do has tests that need no `launch`, and
-so have the arguments: atpid_control/test/test_launching.py.
+The arguments have tests that need no `launch`: atpid_control/test/test_launching.py.
 """
 
 import importlib.util
@@ -35,14 +34,13 @@ FOLDER = ROOT / "atpid_control" / "launch"
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 BAG = ROOT / "bags/thesis_4_3_short"
-NODES = [
-    *(("atpid_driver", node) for node in ("motor_node", "labjack_node", "ni_node")),
-    *(
-        ("atpid_control", node)
-        for node in ("identifier_node", "live_node", "selector_node", "recorder_node", "replay_node", "supervisor_node")
+EXECUTABLES = {
+    "atpid_driver": ("motor_node", "labjack_node", "ni_node"),
+    "atpid_control": (
+        "atpid", "identifier_node", "live_node", "selector_node", "recorder_node", "replay_node", "supervisor_node",
     ),
-    ("atpid_sim", "plant_node"),
-]
+    "atpid_sim": ("plant_node",),
+}  # fmt: skip
 
 needs_launch = pytest.mark.skipif(
     shutil.which("ros2") is None or importlib.util.find_spec("launch_ros") is None,
@@ -82,7 +80,6 @@ class Launch:
         os.killpg(self.process.pid, signal.SIGINT)
 
     def end(self) -> int:
-        """Read the rest; return the exit status."""
         self.lines += self.output.read().splitlines()
         return self.process.wait()
 
@@ -105,7 +102,6 @@ def launched(name: str, folder: Path, **arguments: object) -> Iterator[Launch]:
 
 
 def children(process: int) -> list[int]:
-    """Return the processes that a process has started."""
     return [int(word) for word in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
 
 
@@ -138,7 +134,9 @@ def simulated(tmp_path: Path) -> dict[str, Path]:
     return files
 
 
-@pytest.mark.parametrize(("package", "node"), [*NODES, ("atpid_control", "atpid")])
+@pytest.mark.parametrize(
+    ("package", "node"), [(package, node) for package, nodes in EXECUTABLES.items() for node in nodes]
+)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_before_python_starts_ends_it_quietly(package: str, node: str, number: int) -> None:
     """They are started with both signals blocked; each has to unblock them. The first may come at once."""
@@ -149,7 +147,6 @@ def test_a_signal_before_python_starts_ends_it_quietly(package: str, node: str, 
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.slow
 def test_a_stand_that_receives_ctrl_c_often_while_it_starts_ends_quietly(
     simulated: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -158,7 +155,7 @@ def test_a_stand_that_receives_ctrl_c_often_while_it_starts_ends_quietly(
     command = ["atpid", "stand", str(SCENE), f"--map={HEIGHT_MAP}", *options]
     with own_domain(), subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        assert "no abort level" in process.stderr.readline()
+        assert process.stderr.readline()  # a warning
         while process.poll() is None:
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
@@ -178,15 +175,13 @@ def test_the_arguments_are_shown(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "given", "status", "line"),
     [
-        ("stand", {"ni": "perhaps"}, 1, "stand.launch.py: argument ni: given 'perhaps'; allowed: true or false"),
-        ("bench", {"mpa": "a.npz"}, 1, r"bench.launch.py: unknown argument mpa; did you mean map\?"),
-        ("bench", {"sceen": SCENE}, 1, "missing required argument 'scene'"),
-        ("stand", {"labjack_config": "nothere.yaml"}, 2, "error: .*nothere.yaml: no such file"),
-        ("bench", {"scene": "nothere.yaml"}, 2, "error: nothere.yaml: no such file"),
-        ("bench", {"map": "nothere.npz"}, 2, "error: --map: .*nothere.npz: no such file"),
-        ("bench", {"params_file": "nothere.yaml"}, 2, "error: nothere.yaml: no such file"),
-        ("replay", {"bag": BAG, "rate": "abc"}, 2, "error: --rate: given abc; allowed: 0 to 1000"),
-        ("replay", {"bag": "nothere"}, 2, "error: .*nothere: no such"),
+        ("stand", {"ni": "perhaps"}, 1, r"stand\.launch\.py: .*\bni\b.*'perhaps'; .*true.*false"),
+        ("bench", {"mpa": "a.npz"}, 1, r"bench\.launch\.py: .*\bmpa; .*\bmap\?"),
+        ("bench", {"sceen": SCENE}, 1, "required .*'scene'"),
+        ("stand", {"labjack_config": "nothere.yaml"}, 2, "error: .*nothere.yaml: "),
+        ("bench", {"map": "nothere.npz"}, 2, "error: --map: .*nothere.npz: "),
+        ("replay", {"bag": BAG, "rate": "abc"}, 2, "error: --rate: .*abc; .* 0 .* 1000"),
+        ("replay", {"bag": "nothere"}, 2, "error: .*nothere: "),
     ],
 )
 def test_a_wrong_argument_is_refused_before_a_node_starts(
@@ -222,12 +217,11 @@ def generate_launch_description():
     )  # fmt: skip
     printed = done.stdout + done.stderr
     assert done.returncode == 1
-    assert "values for /lab2/motor_node: no node in /lab1 has this name" in printed
-    assert "bench ended with exit status 2" in printed
-    assert "unknown argument" not in printed
+    assert re.search(r"/lab2/motor_node: .*/lab1\b", printed)
+    assert re.search(r"\bbench\b.*\bstatus 2\b", printed)
+    assert not re.search(r"\bmine\b", printed)
 
 
-@pytest.mark.slow
 @needs_launch
 def test_the_bench_ends_with_its_run(short_scene: Path, tmp_path: Path) -> None:
     """With the shipped map, which none has named."""
@@ -236,50 +230,40 @@ def test_the_bench_ends_with_its_run(short_scene: Path, tmp_path: Path) -> None:
     short_scene.rename(folder / "a scene.yaml")
     with launched("bench", folder, scene="a scene.yaml", out="a 'run'") as launch:
         assert launch.end() == 0, launch.text
-        assert "has died" not in launch.text
+        assert "died" not in launch.text
     assert verify(folder / "a 'run'/bag").messages
     assert (folder / "a 'run'/report.html").exists()
     assert open_bag(folder / "a 'run'/bag").files["standard.npz"] == HEIGHT_MAP.read_bytes()
 
 
-@pytest.mark.slow
 @needs_launch
 def test_a_replay_is_recorded_in_the_folder_of_out(tmp_path: Path) -> None:
     """The folder's name is text: nothing of it is evaluated."""
     out = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
     with launched("replay", tmp_path, bag=BAG, out=out) as launch:
         assert launch.end() == 0, launch.text
-        assert "/excitation: 160 of 160 agree" in launch.text
+        assert re.search("/excitation: 160 .*160 ", launch.text)
         assert "evaluated" not in launch.text.replace(str(out), "")
     assert verify(out / "bag").messages
 
 
-@pytest.mark.slow
 @needs_launch
-def test_the_stand_runs_until_ctrl_c(simulated: dict[str, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", ["supervisor_node.: ready", "no abort level"], ids=["while it runs", "while it loads"])
+def test_the_stand_runs_until_ctrl_c(line: str, simulated: dict[str, Path], tmp_path: Path) -> None:
     """Twice, as a person does; the source of samples is supervised."""
     with launched("stand", tmp_path, scene=SCENE, bag="run", map=HEIGHT_MAP, **simulated) as launch:
-        assert "labjack_node" in launch.wait_for("no answer yet of .*").group()
-        launch.wait_for("supervisor_node.: ready")
+        launch.wait_for(line)
         launch.interrupt()
-        launch.wait_for("user interrupted with ctrl-c")
-        launch.interrupt()
+        if "ready" in line:
+            launch.wait_for("user interrupted with ctrl-c")
+            launch.interrupt()
         assert launch.end() == 0, launch.text
         assert "Traceback" not in launch.text
-    assert verify(tmp_path / "run").messages
+    if "ready" in line:
+        assert re.search("answer.* of .*labjack_node", launch.text)
+        assert verify(tmp_path / "run").messages
 
 
-@pytest.mark.slow
-@needs_launch
-def test_ctrl_c_while_the_nodes_load_ends_them_quietly(simulated: dict[str, Path], tmp_path: Path) -> None:
-    with launched("stand", tmp_path, scene=SCENE, bag="run", map=HEIGHT_MAP, **simulated) as launch:
-        launch.wait_for("no abort level is set")
-        launch.interrupt()
-        assert launch.end() == 0, launch.text
-        assert "Traceback" not in launch.text
-
-
-@pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_no_node_outlives_its_launch(number: int, simulated: dict[str, Path], tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 """docs/methods.md is what `compare` computes now, apart from its times; scenes that do not fit are one line."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,6 @@ def numbers(cell: str) -> list[float]:
     return [float(part) for part in cell.replace("–", " ").strip("*").replace("(", " ").strip(")").split()]
 
 
-@pytest.mark.slow
 def test_the_table_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]]) -> None:
     now = table((made[0] / "methods.md").read_text(encoding="utf-8"), " | thesis_4_3")
     printed = table(PAGE.read_text(encoding="utf-8"), " | thesis_4_3")
@@ -60,7 +60,6 @@ def test_the_table_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]])
         assert least_there == pytest.approx(least, abs=AT_THE_CLIFF), f"{what}: {AGAIN}"
 
 
-@pytest.mark.slow
 def test_the_closed_forms_are_those_of_the_page(made: tuple[Path, dict[str, Any]]) -> None:
     now = table((made[0] / "methods.md").read_text(encoding="utf-8"), " | thesis_4_3 |\n")
     printed = table(PAGE.read_text(encoding="utf-8"), " | thesis_4_3 | stepped_4_8_phi_0_3 | stiff_beam |\n")
@@ -69,7 +68,6 @@ def test_the_closed_forms_are_those_of_the_page(made: tuple[Path, dict[str, Any]
         assert float(printed[what][0]) == pytest.approx(float(cells[0]), rel=0.01), f"{what}: {AGAIN}"
 
 
-@pytest.mark.slow
 def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> None:
     found = {what: 100.0 * np.array(rows, dtype=float) for what, rows in made[1]["efficiencies"].items()}
     tuned, fixed = found["tuned mass, optimised"], found["best fixed height, all amplitudes"]
@@ -84,7 +82,6 @@ def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> Non
     assert held[16] < detuned[16]  # the model's own
 
 
-@pytest.mark.slow
 def test_the_picture_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]]) -> None:
     now, printed = numbers_in(made[0] / "methods.png"), numbers_in(ROOT / "docs/figures/methods.png")
     curves, there = ({" ".join(title.split()[1:]): values for title, values in each.items() if TIMES not in title}
@@ -93,11 +90,6 @@ def test_the_picture_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]
     assert len(compared) == 2
     for title in compared:
         assert np.concatenate(there[title]) == pytest.approx(np.concatenate(curves[title]), abs=AT_THE_CLIFF), AGAIN
-
-
-def test_the_page_is_wrapped_at_100_columns() -> None:
-    lines = PAGE.read_text(encoding="utf-8").splitlines()
-    assert [line for line in lines if len(line) > 100 and not line.startswith(("|", "!", "    "))] == []
 
 
 def test_structures_differ_in_one_value_and_keep_the_grain() -> None:
@@ -124,40 +116,23 @@ def test_a_restitution_is_changed_by_the_contact_s_own_value(factor: float) -> N
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("free_decay", "allowed: a tone"),
-        ({"excitation": {"amplitude": 0.01, "frequency": 5.0}}, "allowed: resonance"),
-        ({"excitation": {"amplitude": [[0.0, 0.0], [5.0, 0.01]], "frequency": "resonance"}}, "held for a time"),
-        ({"contact": {"law": "hertz", "young_modulus": 2.1e8, "poisson_ratio": 0.2}}, "restitution or damping_ratio"),
+        ({"excitation": {"free": {"deflection": 0.1}}}, {"tone"}),
+        ({"excitation": {"amplitude": 0.01, "frequency": 5.0}}, {"5", "resonance"}),
+        ({"excitation": {"amplitude": [[0.0, 0.0], [5.0, 0.01]], "frequency": "resonance"}}, {"held"}),
+        ({"contact": {"law": "hertz", "young_modulus": 2.1e8, "poisson_ratio": 0.2}}, {"restitution", "damping_ratio"}),
+        ([str(SCENE), str(SCENE)], {"twice"}),
+        ([str(SCENE), "--page", "page.md"], {"thesis_4_3", "stepped_4_8_phi_0_3", "stiff_beam"}),
+        (["nowhere.yaml"], {"nowhere"}),
     ],
 )
 def test_what_cannot_be_compared_is_one_line(
-    change: str | dict[str, Any], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: dict[str, Any] | list[str], words: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = ROOT / f"scenes/{change}.yaml" if isinstance(change, str) else tmp_path / "scene.yaml"
+    arguments = [str(tmp_path / "scene.yaml")] if isinstance(change, dict) else change
     if isinstance(change, dict):
-        path.write_text(load_scene(SCENE).with_(ceiling={"height": 0.2}, **change).to_yaml(), encoding="utf-8")
-    assert main(["methods", str(path), "--out", str(tmp_path / "out")]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert words in captured.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([str(SCENE), str(SCENE)], "given twice"),
-        ([str(SCENE), "--page", "page.md"], "its text is about thesis_4_3, stepped_4_8_phi_0_3, stiff_beam"),
-        (["nowhere.yaml"], "nowhere.yaml"),
-    ],
-)
-def test_arguments_that_do_not_fit_are_one_line(
-    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["methods", *arguments, "--out", str(tmp_path)]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert words in captured.err
-
-
-def test_durations_are_printed_with_their_unit() -> None:
-    assert [page._duration(value) for value in (2.1e-5, 0.0173, 0.23, 85.4)] == ["0.021 ms", "17 ms", "0.23 s", "85 s"]
+        scene = load_scene(SCENE).with_(ceiling={"height": 0.2}, **change)
+        (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
+    assert main(["methods", *arguments, "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert words <= set(re.findall(r"\w+", printed))

@@ -1,13 +1,20 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What cannot be written is one line and status 2, for every user, and before the work."""
+"""What cannot be written: a place, a full disk, a closed pipe or stream ends a command with its status and one line."""
 
+import errno
+import os
+import re
 import subprocess
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
+from documented import ROOT
 
+from atpid_common.cli import guarded
 from atpid_common.output import OutputError, file, folder, writing
 from atpid_control.cli import main as atpid
 from atpid_sim.maps import HeightMap
@@ -16,106 +23,165 @@ from studies.cli import main as studies
 #: A folder in which no user can make anything, root included.
 NOWHERE = "/proc/nowhere"
 READINGS = "position,volts\n-0.1,1\n0,3\n0.1,5\n0.12,5.4\n0.05,4\n-0.05,2\n0.02,3.4\n"
-MAP = ["map", "scenes/standard.yaml", "--amplitudes", "0.01:0.02:2", "--mass-fractions", "0.1"]
-STRUCTURE = ["--mass", "2", "--frequency", "15", "--damping", "0.02", "--amplitudes", "0.001:0.004"]
-SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
+MAP = "map scenes/standard.yaml --amplitudes 0.01:0.02:2 --mass-fractions 0.1"
+SENSOR = "calibrate sensor READINGS --channel support_displacement --sensor X --serial A"
 
 
 @pytest.mark.parametrize(
-    ("main", "arguments"),
+    ("main", "line"),
     [
-        (studies, ["tradeoff", "scenes/standard.yaml", "--out", NOWHERE]),
-        (studies, ["extremes", "--systems", "1", "--out", NOWHERE]),
-        (studies, ["atlas", "--quick", "--out", NOWHERE]),
-        (atpid, ["simulate", "scenes/standard.yaml", "--series", f"{NOWHERE}/run.csv"]),
-        (atpid, ["simulate", "scenes/standard.yaml", "--picture", f"{NOWHERE}/run.png"]),
-        (
-            atpid,
-            [*MAP, "--out", "MAP", "--header", f"{NOWHERE}/table.h"],
-        ),
-        (studies, ["figures", "contact", "--out", NOWHERE]),
-        (studies, ["figures", "free_decay", "--out", NOWHERE]),
-        (studies, ["figures", "identification", "--out", NOWHERE]),
-        (studies, ["figures", "selection", "--out", NOWHERE]),
-        (atpid, ["bench", "scenes/standard.yaml", "--out", NOWHERE]),
-        (atpid, ["bag", "report", "bags/thesis_4_3_short", "--out", NOWHERE]),
-        (atpid, ["design", *STRUCTURE, "--out", NOWHERE]),
-        (
-            atpid,
-            ["calibrate", "beam", "bags/thesis_4_3_short", "--moving-mass", "0.36", "--out", f"{NOWHERE}/beam.yaml"],
-        ),
-        (atpid, ["calibrate", "sensor", "READINGS", *SENSOR, "--out", f"{NOWHERE}/laser.yaml"]),
-        (atpid, ["calibrate", "sensor", "READINGS", *SENSOR, "--out", "OUT", "--picture", f"{NOWHERE}/laser.png"]),
-        (atpid, ["calibrate", "reading", f"{NOWHERE}/readings.csv", "--position", "0.1", "--terminal", "AIN0"]),
+        (studies, f"tradeoff scenes/standard.yaml --out {NOWHERE}"),
+        (studies, f"extremes --systems 1 --out {NOWHERE}"),
+        (studies, f"atlas --quick --out {NOWHERE}"),
+        *((studies, f"figures {name} --out {NOWHERE}") for name in ("contact", "free_decay", "identification")),
+        (atpid, f"simulate scenes/standard.yaml --series {NOWHERE}/run.csv"),
+        (atpid, f"simulate scenes/standard.yaml --picture {NOWHERE}/run.png"),
+        (atpid, f"{MAP} --out MAP --header {NOWHERE}/table.h"),
+        (atpid, f"bench scenes/standard.yaml --out {NOWHERE}"),
+        (atpid, f"bag report bags/thesis_4_3_short --out {NOWHERE}"),
+        (atpid, f"design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --out {NOWHERE}"),
+        (atpid, f"calibrate beam bags/thesis_4_3_short --moving-mass 0.36 --out {NOWHERE}/beam.yaml"),
+        (atpid, f"{SENSOR} --out {NOWHERE}/laser.yaml"),
+        (atpid, f"{SENSOR} --out OUT --picture {NOWHERE}/laser.png"),
+        (atpid, f"calibrate reading {NOWHERE}/readings.csv --position 0.1 --terminal AIN0"),
     ],
-    ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
 )
 def test_a_place_that_cannot_be_written_is_one_line(
     main: Callable[[list[str]], int],
-    arguments: list[str],
-    root: Path,
+    line: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(root)
+    monkeypatch.chdir(ROOT)
     (tmp_path / "readings.csv").write_text(READINGS)
     places = {"READINGS": tmp_path / "readings.csv", "OUT": tmp_path / "laser.yaml", "MAP": tmp_path / "map.npz"}
-    assert main([str(places.get(word, word)) for word in arguments]) == 2
+    assert main([str(places.get(word, word)) for word in line.split()]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.count("\n") == 1
-    assert printed.err.startswith("error: ")
-    assert NOWHERE in printed.err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["readings.csv"]
+    assert re.fullmatch(f"error: .*{NOWHERE}.*\n", printed.err)
+    assert [path.name for path in tmp_path.iterdir()] == ["readings.csv"]
 
 
-def test_a_new_folder_is_made_for_the_beam_s_parameters(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "new" / "beam.yaml"
-    found = atpid(
-        ["calibrate", "beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)]
-    )
-    printed = capsys.readouterr().err
-    assert out.parent.is_dir()
-    assert "Traceback" not in printed
-    assert (found == 0) == out.is_file()
+def test_files_and_folders_that_are_the_other(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"file: .* file; .* --out"):
+        folder(tmp_path / "file")
+    with pytest.raises(OutputError, match=r" folder; .* --series"):
+        file(tmp_path, "--series")
+    with pytest.raises(OutputError, match=r"below: .*/file\b.* file; .* --out"):
+        file(tmp_path / "file" / "below")
+    with pytest.raises(OutputError, match=os.strerror(errno.ENOENT)), writing(tmp_path / "x"):
+        (tmp_path / "none" / "x").write_text("")
+    assert folder(tmp_path / "a" / "b").is_dir()
+    assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-@pytest.mark.slow
-def test_a_disk_that_fills_up_costs_no_point_of_a_map(root: Path, tmp_path: Path) -> None:
+def test_a_disk_that_fills_up_costs_no_point_of_a_map(tmp_path: Path) -> None:
     """A file that may not grow stands for the full disk: the same command goes on from what is in the journal."""
     out = tmp_path / "map.npz"
-    command = ["atpid", "map", str(root / "scenes/standard.yaml")]
+    command = ["atpid", "map", str(ROOT / "scenes/standard.yaml")]
     command += ["--amplitudes", "0.01:0.012:12", "--mass-fractions", "0.1", "--out", str(out)]
     # first in another file, so that the kernels are compiled: they are kept in files as well
     subprocess.run([*command[:-1], str(tmp_path / "first.npz")], capture_output=True, check=True)
     full = subprocess.run(["sh", "-c", 'ulimit -f 2; exec "$@"', "sh", *command], capture_output=True, text=True)
     assert full.returncode == 2
     assert "Traceback" not in full.stderr
-    line = full.stderr.strip().splitlines()[-1]
-    assert line.startswith("error: ")
-    assert "make room and give the same command: it goes on" in line
+    assert full.stderr.splitlines()[-1].startswith("error: ")
     journal = Path(f"{out}.journal")
     kept = journal.read_bytes().count(b"\n") - 1
     assert 0 < kept < 12
     assert not out.exists()
-    again = subprocess.run(command, capture_output=True, text=True)
-    assert again.returncode == 0, again.stderr
+    subprocess.run(command, capture_output=True, check=True)
     assert HeightMap.load(out).heights.shape == (1, 12)
     assert not journal.exists()
 
 
-def test_files_and_folders_that_are_the_other(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="is a file; give a folder to --out"):
-        folder(tmp_path / "file")
-    with pytest.raises(OutputError, match="is a folder; give a file to --series"):
-        file(tmp_path, "--series")
-    with pytest.raises(OutputError, match="is a file; choose another --out"):
-        file(tmp_path / "file" / "below")
-    with pytest.raises(OutputError, match="cannot be written: No such file or directory"), writing(tmp_path / "x"):
-        (tmp_path / "none" / "x").write_text("")
-    assert folder(tmp_path / "a" / "b").is_dir()
-    assert list((tmp_path / "a" / "b").iterdir()) == []
+COMMANDS = {
+    "rich": "atpid simulate scenes/standard.yaml --fidelity impact",
+    "control": "atpid bag verify bags/thesis_4_3_short",
+    "driver": "atpid calibrate sensor {0}/readings.csv --channel x --sensor x --serial x --out {0}/made.yaml",
+    "help": "atpid --help",
+}
+#: Unbuffered it is the first print that fails, not the last flush: one command for each way to print.
+ENDED = [(name, None) for name in COMMANDS] + [(name, "1") for name in ("driver", "rich", "help")]
+#: Prints something and waits until its input is closed.
+PRINTING = """
+import sys
+from atpid_common.cli import guarded
+
+def command():
+    print("everything", flush=True)
+    sys.stdin.readline()
+    return 0
+
+sys.exit(guarded(command))
+"""
+
+
+def run(words: list[str], unbuffered: str | None, **streams: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command, with PYTHONUNBUFFERED as given or not set."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    if unbuffered:
+        environment["PYTHONUNBUFFERED"] = unbuffered
+    return subprocess.run(words, cwd=ROOT, env=environment, text=True, check=False, **streams)
+
+
+@pytest.fixture
+def closed() -> Iterator[int]:
+    """The writing end of a pipe whose reader has left."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    yield writing
+    os.close(writing)
+
+
+@pytest.mark.parametrize(("name", "unbuffered"), ENDED)
+def test_a_command_whose_reader_left_ends_quietly(
+    name: str, unbuffered: str | None, closed: int, tmp_path: Path
+) -> None:
+    (tmp_path / "readings.csv").write_text(READINGS)
+    done = run(COMMANDS[name].format(tmp_path).split(), unbuffered, stdout=closed, stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("unbuffered", [None, "1"])
+def test_an_error_line_into_a_closed_pipe_ends_the_same_way(unbuffered: str | None, closed: int) -> None:
+    for line in ("atpid replay none", "atpid nothing"):
+        done = run(line.split(), unbuffered, stdout=subprocess.PIPE, stderr=closed)
+        assert (done.returncode, done.stdout) == (1, "")
+    assert run(["atpid", "nothing"], unbuffered, stdout=closed, stderr=closed).returncode == 1
+
+
+@pytest.mark.parametrize("unbuffered", [None, "1"])
+def test_standard_output_on_a_full_disk_is_one_line(unbuffered: str | None) -> None:
+    with open("/dev/full", "wb") as full:
+        done = run([sys.executable, "-c", PRINTING], unbuffered, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1
+    assert re.fullmatch(f"error: .*{os.strerror(errno.ENOSPC)}\n", done.stderr)
+
+
+def test_a_reader_that_leaves_with_everything_has_missed_nothing() -> None:
+    with subprocess.Popen([sys.executable, "-c", PRINTING], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"everything\n"
+        process.stdout.close()
+        process.stdin.close()
+        assert process.wait() == 0
+
+
+@pytest.mark.parametrize(("command", "status"), [("atpid --help", 0), ("atpid replay none", 2)])
+def test_without_standard_output_and_error_the_status_is_the_same(command: str, status: int) -> None:
+    shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *command.split()]
+    assert subprocess.run(shell, cwd=ROOT, check=False).returncode == status
+
+
+def test_another_pipe_that_breaks_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> NoReturn:
+        raise BrokenPipeError("of a device")
+
+    with open(os.devnull, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        with pytest.raises(BrokenPipeError, match="device"):
+            guarded(broken)

@@ -31,15 +31,16 @@ def test_a_parameter_file_is_what_the_command_writes(root: Path, name: str) -> N
 
 def test_a_table_or_file_that_is_out_of_date_is_made_anew(root: Path) -> None:
     text = (root / "docs" / "parameters.md").read_text()
-    assert page(text.replace("silence after which a node is named", "x").replace("| 0.15 to 10 |", "||")) == text
+    damaged = text.replace("| 0.15 to 10 |", "||")
+    assert text != damaged
+    assert page(damaged) == text
     name = "atpid_control/config/selector.yaml"
     text = (root / name).read_text()
     assert parameter_file(name, text.replace("sigmas: 4.0", "sigmas: 3.0").replace("  # relative", "  # about")) == text
 
 
-@pytest.mark.parametrize("heading", SECTIONS)
-def test_every_default_is_allowed_and_every_row_explained(heading: str) -> None:
-    table = SECTIONS[heading]
-    given = [row for row in table if not isinstance(row.default, Parameter.Type)]
+def test_every_default_is_allowed_and_every_row_explained() -> None:
+    rows = [row for table in SECTIONS.values() for row in table]
+    given = [row for row in rows if not isinstance(row.default, Parameter.Type)]
     assert [row.name for row in given if row.problem(row.default)] == []
-    assert [row.name for row in table if not row.description] == []
+    assert [row.name for row in rows if not row.description] == []

@@ -58,6 +58,10 @@ def standard(**changes: Any) -> Scene:
     return load_scene(SCENES / "standard.yaml").with_(**changes)
 
 
+def released(phi: float, **changes: Any) -> Scene:
+    return load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=phi, **changes)
+
+
 def largest_decrement(scene: Scene) -> float:
     """Largest ratio of successive upper peaks above the static equilibrium, as long as they exceed 2 mm."""
     motion = trajectory(scene, 5000.0)
@@ -72,23 +76,18 @@ def largest_decrement(scene: Scene) -> float:
 
 @pytest.mark.parametrize(("phi", "height", "measured", "tolerance"), DECREMENTS)
 def test_decrements_measured_on_the_real_stand(phi: float, height: float, measured: float, tolerance: float) -> None:
-    scene = load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=phi, height=height, duration=8.0)
-    assert largest_decrement(scene) == pytest.approx(measured, rel=tolerance)
+    assert largest_decrement(released(phi, height=height, duration=8.0)) == pytest.approx(measured, rel=tolerance)
 
 
 def test_a_heavy_grain_stops_the_free_beam_at_once() -> None:
-    scene = load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=0.3, duration=8.0)
-    assert largest_decrement(scene) > 3.0
+    assert largest_decrement(released(0.3, duration=8.0)) > 3.0
 
 
 @pytest.mark.parametrize(("phi", "deflection", "measured", "model"), MISSED)
 def test_two_decays_in_which_one_impact_decides_are_missed(
     phi: float, deflection: float, measured: float, model: float
 ) -> None:
-    scene = load_scene(SCENES / "free_decay.yaml").with_(
-        mass_fraction=phi, excitation={"free": {"deflection": deflection}}
-    )
-    result = simulate(scene, check=False)
+    result = simulate(released(phi, excitation={"free": {"deflection": deflection}}), check=False)
     assert result.decrement == pytest.approx(model, abs=0.05)
     assert result.decrement < 0.9 * measured
 

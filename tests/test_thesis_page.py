@@ -32,8 +32,7 @@ def printed(name: str) -> list[list[str]]:
 
 @functools.cache
 def computed(name: str) -> list[Row]:
-    jobs, measured = run.compute(name, ROOT / "scenes", lambda done: None)
-    return rows_of(load(name), jobs, measured)
+    return rows_of(load(name), *run.compute(name, ROOT / "scenes", lambda done: None))
 
 
 def alike(one: str, other: str, close: float) -> bool:
@@ -47,7 +46,6 @@ def alike(one: str, other: str, close: float) -> bool:
     return difference <= max(close * max(abs(float(one)), abs(float(other)), 1e-9), 1.01 * last_digit)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in names() if not load(name).slow])
 def test_the_page_shows_what_is_computed_now(name: str) -> None:
     rows, shown = computed(name), printed(name)
@@ -64,7 +62,6 @@ def test_the_page_shows_what_is_computed_now(name: str) -> None:
                 assert ("differs" in there[4]) == (row.agrees is False), again
 
 
-@pytest.mark.slow
 def test_references_agree_to_eight_digits() -> None:
     assert [row.quantity for row in computed("references") if not row.agrees] == []
 
@@ -83,17 +80,6 @@ def test_every_figure_and_table_has_its_row_or_a_reason() -> None:
     tables = set().union(*(numbers(text) for text in named if text.startswith("Table")))
     assert {(chapter, k + 1) for chapter, last in FIGURES.items() for k in range(last)} - figures == set()
     assert {(chapter, k + 1) for chapter, last in TABLES.items() for k in range(last)} - tables == set()
-
-
-def test_the_page_has_the_section_of_every_study() -> None:
-    headings = re.findall(r"^## (.+?)(?: \(section .*)?$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert headings == ["What agrees and what does not", *(load(name).title for name in names()),
-                        "What cannot be computed"]  # fmt: skip
-
-
-def test_the_page_is_wrapped_at_100_columns() -> None:
-    lines = PAGE.read_text(encoding="utf-8").splitlines()
-    assert [line for line in lines if len(line) > 100 and not line.startswith(("|", "!["))] == []
 
 
 def test_a_finished_study_is_kept_until_its_inputs_change(
@@ -123,15 +109,15 @@ def test_the_names_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing", "--out", "out"], ["nothing", "allowed: all, list, adaptive"]),
-        (["heights"], ["--out: none given"]),
-        (["heights", "--out", "out", "--page", "page.md"], ["--page", "give all"]),
-        (["adaptive", "--out", "out", "--scenes", "nowhere"], ["--scenes", "nowhere"]),
+        ("nothing --out out", {"nothing", "all", "list", "adaptive"}),
+        ("heights", {"--out", "none"}),
+        ("heights --out out --page page.md", {"--page", "all"}),
+        ("adaptive --out out --scenes nowhere", {"--scenes", "nowhere"}),
     ],
 )
-def test_bad_input_is_one_line(arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["thesis", *arguments]) == 2
+def test_bad_input_is_one_line(arguments: str, words: set[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["thesis", *arguments.split()]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert len(captured.err.strip().splitlines()) == 1
-    assert all(word in captured.err for word in words), captured.err
+    assert captured.err.count("\n") == 1
+    assert words <= set(re.findall(r"[\w-]+", captured.err))

@@ -8,23 +8,16 @@ wheel is unpacked beside the libraries that are there, which needs no network.
 
 import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
-import time
 import zipfile
 from pathlib import Path
 
 import pytest
-from documented import ROOT
+from documented import ROOT, blocks
 
-pytestmark = pytest.mark.slow
-
-PAGE = (ROOT / "docs/python.md").read_text()
-#: The example of the page that is timed, once the kernels are compiled, and its processor time at most [s]: on a busy
-#: machine it takes longer than that, on an idle one no longer.
-TWENTY, LONGEST = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0], 10.0
+EXAMPLE = blocks(ROOT / "docs/python.md", "python")[0]
 #: What `pip wheel --no-build-isolation` calls.
 BUILD = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
 ALONE = "\nimport sys; assert not {'rclpy', 'atpid_control', 'atpid_interfaces'} & set(sys.modules)\n"
@@ -36,12 +29,6 @@ def run(command: list[str | Path], folder: Path, **variables: str) -> str:
     done = subprocess.run(command, cwd=folder, env=kept | variables, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def processor_time() -> float:
-    """Return what the processes started here and ended have used [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 @pytest.fixture(scope="session")
@@ -64,8 +51,7 @@ def test_the_page_s_first_example_runs_from_the_wheel(wheel: Path, tmp_path: Pat
         packed.extractall(tmp_path / "lib")
     files = {path.relative_to(tmp_path / "lib").as_posix() for path in (tmp_path / "lib").rglob("*.py")}
     assert not [name for name in files if "/nodes/" in name or "/commands/" in name]
-    printed = run([sys.executable, "-W", "error", "-c", TWENTY + ALONE], tmp_path, PYTHONPATH=str(tmp_path / "lib"))
-    assert "without the damper" in printed
+    run([sys.executable, "-W", "error", "-c", EXAMPLE + ALONE], tmp_path, PYTHONPATH=str(tmp_path / "lib"))
     assert (tmp_path / "height_map.png").stat().st_size > 20_000
 
 
@@ -78,22 +64,9 @@ def test_in_an_empty_environment(name: str, wheel: Path, tmp_path: Path) -> None
         pytest.skip(f"{name} is not on this machine")
     run([found, "-m", "venv", "env"], tmp_path)
     python = tmp_path / "env/bin/python"
-    locked = re.sub(
-        r"^(#.*| .*)\n| \\$", "", (ROOT / "ros2_ws/requirements/wheels.txt").read_text(), flags=re.MULTILINE
-    )
-    (tmp_path / "versions.txt").write_text(locked)
-    steps: dict[str, list[str | Path]] = {
-        "install": [python, "-m", "pip", "install", "-q", "-c", "versions.txt", f"{wheel}[plot,xarray]"],
-        "kernels": [python, "-m", "atpid_sim"],
-        "twenty lines": [python, "-W", "error", "-c", TWENTY + ALONE],
-        "again": [python, "-W", "error", "-c", TWENTY + ALONE],
-    }
-    used = {}
-    print(run([python, "-V"], tmp_path).strip())
-    for what, command in steps.items():
-        begun, before = time.monotonic(), processor_time()
-        run(command, tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
-        used[what] = processor_time() - before
-        print(f"{what}: {time.monotonic() - begun:.1f} s, {used[what]:.1f} s of processor time", flush=True)
+    lock = (ROOT / "ros2_ws/requirements/wheels.txt").read_text()
+    (tmp_path / "versions.txt").write_text(re.sub(r"^(#.*| .*)\n| \\$", "", lock, flags=re.MULTILINE))
+    run([python, "-m", "pip", "install", "-q", "-c", "versions.txt", f"{wheel}[plot,xarray]"], tmp_path)
+    for words in (["-m", "atpid_sim"], ["-W", "error", "-c", EXAMPLE + ALONE]):  # compiles the kernels, uses them
+        run([python, *words], tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
     assert (tmp_path / "height_map.png").stat().st_size > 20_000
-    assert used["twenty lines"] < LONGEST

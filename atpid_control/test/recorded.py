@@ -2,22 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from atpid_control.cli import main
 from atpid_control.recording.session import RecordingSession
+from atpid_control.runs import cdr
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.metadata import Qos, new_run
-from atpid_control.runs.topics import DEFAULT, parse
+from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_control.runs.writer import BagWriter
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import laser_of
 from atpid_sim.scene import Scene, load_scene
 
 PACKAGE = "atpid_interfaces/msg"
+LASER, STATES, EVENTS = "/sensors/laser", "/ceiling/state", "/events"
+KINDS = {
+    LASER: "SampleBlock", "/sensors/force": "SampleBlock", STATES: "CeilingState", EVENTS: "Event",
+    "/excitation": "Excitation",
+}  # fmt: skip
 STEADY, MOVING, HOLDING = 1, 4, 3
 _STORE = get_typestore(Stores.EMPTY)
 
@@ -36,6 +45,14 @@ tolerance:  1.0e-4
 sensors:    {laser: {noise: 20.0e-6}}
 seed:       1
 """
+
+
+def short(folder: Path, seconds: float) -> Path:
+    """Write the short scene with another duration into `folder`; return the file."""
+    path = folder / "short.yaml"
+    times = f"{seconds}\nsteady_window: [{seconds - 1.0}, {seconds}]"
+    path.write_text(SHORT.replace("8.0\nsteady_window: [7.0, 8.0]", times))
+    return path
 
 
 def make(message: str, /, stamp_ns: int = 0, sender: str = "", frame_id: str = "", **fields: Any) -> bytes:
@@ -81,6 +98,29 @@ def block(index: int, data: Any, rate: float = 1000.0, start_ns: int = 0, **fiel
     return make("SampleBlock", stamp, "plant:laser", first_index=index, rate=rate, data=np.ravel(data), **given)
 
 
+def begin_bag(
+    folder: Path, messages: Iterable[tuple[str, bytes]] = (), *, topics: Iterable[str] = (LASER,), each: int = 0,
+    run_id: str = "small", **how: Any,
+) -> BagWriter:  # fmt: skip
+    """Begin a bag with messages (topic, data), logged at their stamps, `each` of them to a chunk; return its writer."""
+    writer = BagWriter(folder, new_run(run_id=run_id, commit="none", chunk_period="0.02"), **how)
+    for topic in topics:
+        writer.add_topic(topic, f"{PACKAGE}/{KINDS[topic]}")
+    for number, (topic, data) in enumerate(messages, 1):
+        writer.write(topic, data, cdr.stamp(data), cdr.stamp(data))
+        if each and number % each == 0:
+            writer.end_chunk()
+    return writer
+
+
+def write_bag(
+    folder: Path, messages: Iterable[tuple[str, bytes]] = (), result: Mapping[str, str] | None = None, **how: Any
+) -> Path:
+    """Write a whole bag as `begin_bag` begins it; return its folder."""
+    begin_bag(folder, messages, **how).close(result or {"finished": "yes"})
+    return folder
+
+
 def bench(scene: Scene, heights: list[tuple[float, float, float]], start_ns: int = 0) -> Iterator[tuple[str, bytes]]:
     """Yield (topic, message) of a run in which a perfect controller sends the ceiling to (time, height, amplitude)."""
     plant, laser = Plant(scene), laser_of(scene)
@@ -93,7 +133,7 @@ def bench(scene: Scene, heights: list[tuple[float, float, float]], start_ns: int
         truth = plant.advance(count, rate, target, speed)
         data = laser.read(number, np.stack([truth.support, truth.beam], axis=1))
         last = start_ns + round((first + count - 1) / rate * 1e9)
-        yield "/sensors/laser", block(first, data, rate, start_ns)
+        yield LASER, block(first, data, rate, start_ns)
         yield "/plant/truth", _truth(truth, first, rate, start_ns)
         yield "/excitation", _estimate(truth, last, number)
         while sequence < len(times) and truth.time[-1] >= times[sequence]:
@@ -102,10 +142,10 @@ def bench(scene: Scene, heights: list[tuple[float, float, float]], start_ns: int
         yield "/ceiling/command", make("CeilingCommand", last, "plant:laser", sequence=sequence, height=target,
                                        excitation_amplitude=amplitude, method="lookup", reason="selected")  # fmt: skip
         moving = plant.height != target
-        yield "/ceiling/state", make("CeilingState", last, "motor_node", mode=MOVING if moving else HOLDING, homed=True,
-                                     height=plant.height, target=target, speed=speed, sequence=sequence)  # fmt: skip
-    yield "/events", make("Event", last, "plant_node", kind="finished", value=scene.duration,
-                          text=f"{scene.duration:g} s simulated in 1 s ({scene.duration:g} x real time)")  # fmt: skip
+        yield STATES, make("CeilingState", last, "motor_node", mode=MOVING if moving else HOLDING, homed=True,
+                           height=plant.height, target=target, speed=speed, sequence=sequence)  # fmt: skip
+    yield EVENTS, make("Event", last, "plant_node", kind="finished", value=scene.duration,
+                       text=f"{scene.duration:g} s simulated in 1 s ({scene.duration:g} x real time)")  # fmt: skip
 
 
 def _truth(truth: Any, first: int, rate: float, start_ns: int) -> bytes:
@@ -123,13 +163,49 @@ def _estimate(truth: Any, last: int, number: int) -> bytes:
                 used=190, beam_amplitude=beam)  # fmt: skip
 
 
-def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, float]], lockstep: bool = True) -> Path:
-    """Record `bench` of the scene into `folder`; return it."""
-    topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
-    run = new_run(scene_file, run_id="specimen", commit="0123456789ab")
-    session = RecordingSession(folder, run, topics, lockstep=lockstep, offered=lambda _topic: (Qos(),))
-    for number, (topic, message) in enumerate(bench(load_scene(scene_file), heights)):
+def topics_of(lockstep: bool) -> list[Topic]:
+    """Return the topics that are recorded, by their whole names."""
+    return [Topic(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
+
+
+def session_of(
+    folder: Path, scene_file: Path, *, lockstep: bool = True, clock: str = "", **how: Any
+) -> RecordingSession:
+    """Begin to record a run of the scene into `folder`."""
+    clock = clock or ("lockstep" if lockstep else "real time")
+    run = new_run(scene_file, run_id="specimen", commit="0123456789ab", clock=clock)
+    return RecordingSession(folder, run, topics_of(lockstep), lockstep=lockstep, offered=lambda _: (Qos(),), **how)
+
+
+def receive(session: RecordingSession, messages: Iterable[tuple[str, bytes]]) -> None:
+    """Let a session receive messages until its recording is complete."""
+    for number, (topic, message) in enumerate(messages):
         session.receive(topic, message, 1_000_000_000 + number * 1_000)
+        if session.complete:
+            break
+
+
+def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, float]]) -> Path:
+    """Record `bench` of the scene into `folder`; return it."""
+    session = session_of(folder, scene_file)
+    receive(session, bench(load_scene(scene_file), heights))
     assert session.complete
     session.close()
     return folder
+
+
+def refused(capsys: pytest.CaptureFixture[str], arguments: Iterable[object], *parts: str) -> str:
+    """Check that `atpid` refuses its arguments in one line that holds these parts; return the line."""
+    capsys.readouterr()
+    assert main([str(argument) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1, error
+    assert [part for part in parts if part not in error] == [], error
+    return error
+
+
+def in_one_line(error: BaseException, *parts: str) -> None:
+    """Check that an error is one line with these parts."""
+    assert "\n" not in str(error)
+    assert [part for part in parts if part not in str(error)] == [], str(error)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import refused
 
 from atpid_control.analysis.contact.drop import ContactFit
 from atpid_control.analysis.contact.estimate import ContactError
@@ -21,7 +22,7 @@ from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import laser_of
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.system import reduced_mass
+from atpid_sim.system import Array, System, reduced_mass
 
 BAGS = Path(__file__).parents[2] / "bags"
 #: Standard deviations of what is stated: height [m], logarithm of the grain's mass.
@@ -41,20 +42,27 @@ def shaken(contact: dict[str, object], height: float, amplitude: float = 0.015, 
     }, source="test", folder=BAGS)  # fmt: skip
 
 
-def fitted(scene: Scene, rng: np.random.Generator, step: float = 5e-6) -> ContactFit:
-    """Return what a run of the scene determines, read in steps [m], height and mass stated with errors."""
-    plant, laser = Plant(scene), laser_of(scene)
-    truth = plant.advance(round(scene.duration * 1000), 1000.0, plant.height, 0.0)
-    read = laser.read(int(rng.integers(1 << 30)), np.stack([truth.support, truth.beam], axis=1))
-    read = step * np.round(read / step)
-    system = system_of(scene)
-    system = system._replace(grain_mass=system.grain_mass * math.exp(MASS * rng.standard_normal()))
+def motion(scene: Scene) -> Array:
+    """Return support, beam and grain of a run of the scene (n, 3) [m]."""
+    truth = Plant(scene).advance(round(scene.duration * 1000), 1000.0, Plant(scene).height, 0.0)
+    return np.stack([truth.support, truth.beam, truth.grain], axis=1)
+
+
+def fit_of(read: Array, above: float, system: System) -> ContactFit:
+    """Fit what was read of support and beam, with a height above the grain [m]; NaN: it is out of reach."""
     flights = flights_of(Signals(1000.0, read[:, 0], read[:, 1]), system)
-    above = plant.height - 2.0 * system.radius + HEIGHT * rng.standard_normal()
     return fit_run(flights, np.full(len(flights.number), above), system, HEIGHT)
 
 
-def drawn(rng: np.random.Generator, law: str) -> tuple[Scene, float]:
+def fitted(scene: Scene, rng: np.random.Generator, step: float = 5e-6) -> ContactFit:
+    """Return what a run of the scene determines, read in steps [m], height and mass stated with errors."""
+    read = step * np.round(laser_of(scene).read(int(rng.integers(1 << 30)), motion(scene)[:, :2]) / step)
+    system = system_of(scene)
+    system = system._replace(grain_mass=system.grain_mass * math.exp(MASS * rng.standard_normal()))
+    return fit_of(read, Plant(scene).height - 2.0 * system.radius + HEIGHT * rng.standard_normal(), system)
+
+
+def drawn(rng: np.random.Generator, law: str, seconds: float) -> tuple[Scene, float]:
     """Return a scene with a contact, a height and an amplitude by chance, and the contact's effective modulus [Pa]."""
     e, modulus = rng.uniform(0.2, 0.9), 10.0 ** rng.uniform(7.5, 9.0)
     damping = 0.5 * math.sqrt(5.0 * 0.9) * damping_ratio_for(e)
@@ -63,54 +71,45 @@ def drawn(rng: np.random.Generator, law: str) -> tuple[Scene, float]:
         contact = {"law": law, "young_modulus": 1.92 * modulus, "poisson_ratio": 0.2, "damping_ratio": damping}
     elif law == "walton_braun":
         contact["stiffness"] = 10.0 ** rng.uniform(5.5, 7.0)
-    return shaken(contact, rng.uniform(0.25, 0.6), rng.uniform(0.01, 0.02)), modulus
+    return shaken(contact, rng.uniform(0.25, 0.6), rng.uniform(0.01, 0.02), seconds), modulus
 
 
-def covered(law: str, seed: int, draws: int) -> tuple[int, int, int, float]:
-    """Return fits, of how many restitution and modulus lie within their intervals, and the median relative width."""
+def covered(law: str, seed: int, draws: int, seconds: float = 6.0) -> tuple[int, int, float]:
+    """Return of how many fits restitution and modulus lie within their intervals, and the median relative width."""
     rng = np.random.default_rng(seed)
-    fits = inside = modulus_inside = 0
-    widths = []
+    inside, modulus_inside, widths = [], [], []
     for _ in range(draws):
-        scene, modulus = drawn(rng, law)
+        scene, modulus = drawn(rng, law, seconds)
         fit = fitted(scene, rng)
         truth = restitution_of(contact_of(scene), fit.at_speed, reduced_mass(system_of(scene)))
-        fits += 1
-        inside += fit.restitution.low <= truth <= fit.restitution.high
-        modulus_inside += fit.modulus is None or fit.modulus.low <= modulus <= fit.modulus.high
+        inside.append(fit.restitution.low <= truth <= fit.restitution.high)
+        modulus_inside.append(fit.modulus is None or fit.modulus.low <= modulus <= fit.modulus.high)
         widths.append((fit.restitution.high - fit.restitution.low) / truth)
-    return fits, inside, modulus_inside, float(np.median(widths))
+    return sum(inside), sum(modulus_inside), float(np.median(widths))
 
 
 @pytest.mark.parametrize("law", ["impact", "tsuji", "walton_braun"])
 def test_restitution_and_modulus_lie_within_their_error_bars(law: str) -> None:
     """Of 3 draws with 95 % each, two outside are once in 140; an interval of 5 % would be of no use."""
-    fits, inside, modulus_inside, width = covered(law, 3, 3)
-    assert inside >= fits - 1
-    assert law != "tsuji" or modulus_inside >= fits - 1
+    inside, modulus_inside, width = covered(law, 3, 3, seconds=4.0)
+    assert inside >= 2
+    assert law != "tsuji" or modulus_inside >= 2
     assert width < 0.02
 
 
 def test_flights_from_floor_to_floor_need_no_ceiling() -> None:
     scene = shaken({"law": "impact", "restitution": 0.5}, 3.0, amplitude=0.005, seconds=8.0)
-    rng = np.random.default_rng(1)
-    plant, laser = Plant(scene), laser_of(scene)
-    truth = plant.advance(8000, 1000.0, 3.0, 0.0)
-    assert np.max(truth.grain - truth.beam) < 2.9  # the ceiling is out of reach
-    read = laser.read(int(rng.integers(9)), np.stack([truth.support, truth.beam], axis=1))
-    flights = flights_of(Signals(1000.0, read[:, 0], read[:, 1]), system_of(scene))
-    fit = fit_run(flights, np.full(len(flights.number), math.nan), system_of(scene), HEIGHT)
+    truth = motion(scene)
+    assert np.max(truth[:, 2] - truth[:, 1]) < 2.9  # the ceiling is out of reach
+    fit = fit_of(laser_of(scene).read(4, truth[:, :2]), math.nan, system_of(scene))
     assert fit.restitution.low <= 0.5 <= fit.restitution.high
     assert fit.restitution.high - fit.restitution.low < 0.01
 
 
 def test_a_wrong_height_is_found() -> None:
     scene = shaken({"law": "impact", "restitution": 0.6}, 0.3)
-    plant = Plant(scene)
-    truth = plant.advance(6000, 1000.0, 0.3, 0.0)
-    flights = flights_of(Signals(1000.0, truth.support, truth.beam), system_of(scene))
-    with pytest.raises(ContactError, match="the height is wrong, or impacts are hidden"):
-        fit_run(flights, np.full(len(flights.number), 0.3 - 0.017 + 0.005), system_of(scene), HEIGHT)
+    with pytest.raises(ContactError, match=r"height.*wrong.*impacts"):
+        fit_of(motion(scene), 0.3 - 0.017 + 0.005, system_of(scene))
 
 
 @pytest.mark.parametrize(("contact", "height"), [
@@ -118,7 +117,7 @@ def test_a_wrong_height_is_found() -> None:
     ({"law": "impact", "restitution": 0.15}, 0.017),  # closed
 ])  # fmt: skip
 def test_a_motion_without_clear_flights_is_refused(contact: dict[str, object], height: float) -> None:
-    with pytest.raises(ContactError, match=r"impacts, .* flights|impacts, none between|without an impact"):
+    with pytest.raises(ContactError, match=r"impacts?\b"):
         fitted(shaken(contact, height, seconds=2.0), np.random.default_rng(2))
 
 
@@ -134,11 +133,8 @@ def test_a_recorded_run_through_the_command(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_a_moving_ceiling_gives_no_flight(capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["calibrate", "contact", str(BAGS / "thesis_4_3_short"), "--from", "4.6", "--to", "6.0"]
-    assert main(command) == 2
-    error = capsys.readouterr().err
-    assert "with the ceiling at rest; needed: at least 10" in error
-    assert error.count("\n") == 1
+    command = ["calibrate", "contact", BAGS / "thesis_4_3_short", "--from", "4.6", "--to", "6.0"]
+    refused(capsys, command, "ceiling", " 10")
 
 
 def test_a_push_changes_the_restitution_of_no_elastic_impact() -> None:

@@ -1,35 +1,34 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""While a height is being computed the loop goes on, and a result that came too late moves nothing."""
+"""From estimates to commands: the range, refusals, steps back out of a rumble, and heights that take time."""
 
 import math
+import os
+import re
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
+from test_hold import ANYWHERE, INSIDE, SETTINGS, Twin, steady
 
 from atpid_common.vocabulary import Severity
-from atpid_control.identification import Estimate, Quality
+from atpid_control.identification import Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.controller import ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import ControlSettings, HeightCommand
+from atpid_control.loop.hold import UNSETTLED, UNSETTLED_COUNT, HoldSettings
+from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
-HOLD = HoldSettings(
-    dead_band=0.01,
-    sigmas=4.0,
-    steady_count=4,
-    rising_count=4,
-    falling_count=2,
-    frequency=5.49,
-    frequency_tolerance=0.05,
-)
-SETTINGS = ControlSettings(HOLD, StepBack(0.1, 2, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4), 0.0)
+
+def settings(settle: int = 2, margin: float = 0.0, **hold: Any) -> ControlSettings:
+    step_back, drift = StepBack(0.1, settle, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4)
+    return ControlSettings(HoldSettings(**(SETTINGS | hold)), step_back, drift, margin)
 
 
 class Held(Executor):
@@ -53,58 +52,198 @@ class Held(Executor):
 
 
 class Linear:
-    """Height 19 times the amplitude, a tenth less with a margin."""
+    """Height 19 times the amplitude up to 0.05 m, a tenth less with a margin."""
 
-    method, simulates = "direct", True
-
-    def __init__(self) -> None:
+    def __init__(self, method: str = "direct", simulates: bool = True, share: float = 1.0) -> None:
+        self.method, self.simulates, self.share = method, simulates, share
         self.asked: list[float] = []
         self.error: Exception | None = None
+        self.changes: dict[str, Any] = {}
 
     def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
-        del height
         amplitude = excitation.amplitude
         self.asked.append(amplitude)
         if self.error is not None:
             raise self.error
-        return Selection((17.1 if margin else 19.0) * amplitude, 5.0 * amplitude, 0.8, self.method)
-
-
-class Twin:
-    """Expects 0.1 m everywhere."""
-
-    def expected(self, amplitude: float, frequency: float, height: float) -> float:
-        del amplitude, frequency, height
-        return 0.1
+        if amplitude > 0.05:
+            raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")
+        chosen = self.share * (17.1 if margin else 19.0) * amplitude
+        return replace(Selection(chosen, 5.0 * amplitude, 0.8, self.method), **self.changes)
 
 
 class Loop:
     """A controller whose computations the test finishes, fed with one estimate each 50 ms."""
 
     def __init__(
-        self, executor: Executor | None = None, twin: Twin | None = None, fallback: Linear | None = None
+        self,
+        selector: Any = None,
+        limits: tuple[float, float] = (0.017, 1.0),
+        given: ControlSettings | None = None,
+        **more: Any,
     ) -> None:
-        self.executor, self.selector, self.time, self.height = Held(), Linear(), 0.0, 0.017
-        executor = executor or self.executor
-        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, executor, fallback)
-        self.events: list[tuple[str, int, str]] = []
+        self.executor, self.selector, self.time, self.height = Held(), selector or Linear(), 0.0, 0.017
+        more = {"executor": self.executor} | more
+        self.controller = SelectingController(given or settings(), self.selector, limits, **more)
+        self.events: list[LoopAnswer] = []
 
-    def feed(
-        self, *amplitudes: float, quality: Quality = Quality.STEADY, beam: float = math.nan
-    ) -> list[HeightCommand]:
-        """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
+    def feed(self, *amplitudes: float, height: float | None = None, **changes: Any) -> list[HeightCommand]:
+        """Return the commands that answer these amplitudes; without a height the ceiling is at once where it is sent.
+
+        changes: of the estimates, each a value or called with the estimate's number.
+        """
         commands = []
-        for amplitude in amplitudes:
-            estimate = Estimate(
-                quality=quality, amplitude=amplitude, amplitude_std=1e-6, frequency=5.49, beam_amplitude=beam
-            )
-            answer = self.controller.answer(self.time, estimate, self.height)
+        for k, amplitude in enumerate(amplitudes):
+            values = {name: value(k) if callable(value) else value for name, value in changes.items()}
+            place = self.height if height is None else height
+            answer = self.controller.answer(self.time, steady(amplitude, **values), place)
             commands.append(answer.command)
-            if answer.kind:
-                self.events.append((answer.kind, answer.severity, answer.text))
+            self.events += [answer] if answer.kind else []
             self.time += 0.05
-            self.height = commands[-1].height if commands[-1].height > 0.0 else self.height
+            self.height = answer.command.height if answer.command.height > 0.0 else self.height
         return commands
+
+    def heard(self) -> list[tuple[str, int]]:
+        return [(event.kind, event.severity) for event in self.events]
+
+
+def looked_up(**more: Any) -> Loop:
+    """Return a loop whose heights are looked up, in the answer that asks for them."""
+    return Loop(Linear("lookup", simulates=False), **more)
+
+
+@pytest.mark.parametrize("selector", [Linear(simulates=False), Linear()], ids=["looked up", "inline"])
+def test_each_estimate_is_answered_and_the_height_repeated(selector: Linear) -> None:
+    loop = Loop(selector, executor=InlineExecutor() if selector.simulates else Held())
+    commands = loop.feed(*[0.015] * 10)
+    assert all(math.isnan(command.height) for command in commands[:3])
+    assert {command.height for command in commands[3:]} == {19.0 * 0.015}
+    assert [command.sequence for command in commands] == [0] * 3 + [1] * 7
+    assert "computing" not in {command.reason for command in commands}
+    assert selector.asked == [0.015]
+
+
+def test_an_excitation_out_of_the_map_is_refused_once_and_a_height_beyond_the_range_limited() -> None:
+    loop = looked_up(limits=(0.017, 0.2))
+    command = loop.feed(*[0.015] * 4)[-1]
+    assert (command.height, "range" in command.reason) == (0.2, True)
+    assert math.isnan(command.predicted_amplitude)
+    assert {command.height for command in loop.feed(*[0.08] * 20)} == {0.2}
+    (event,) = loop.events
+    assert (event.kind, re.findall(r"[\d.]+ m", event.text)) == ("refused", ["0.08 m", "0.05 m"])
+    assert loop.selector.asked == [0.015, 0.08]
+
+
+def test_a_refusal_is_reported_again_after_a_good_estimate() -> None:
+    loop, reported = looked_up(), []
+    for quality in (Quality.POOR, Quality.POOR, Quality.STEADY, Quality.POOR, Quality.POOR):
+        before = len(loop.events)
+        loop.feed(0.015, quality=quality)
+        reported.append(len(loop.events) - before)
+    assert reported == [1, 0, 0, 1, 0]
+    assert {kind for kind, _ in loop.heard()} == {"refused"}
+
+
+def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone() -> None:
+    machine = ProfileController(((6.0, 0.017), (7.0, 0.2)))
+    heights = [machine.answer(t, steady(0.01), math.nan).command.height for t in (0.0, 6.5, 9.0)]
+    assert heights == pytest.approx([0.017, 0.1085, 0.2])
+
+
+# out of a rumble
+
+
+def rumbling(settle: int = 0, before: Callable[[int], float] | None = None) -> tuple[Loop, float]:
+    """Return a loop in which the beam rumbles, and its height; `before` is what the beam did until then."""
+    loop = looked_up(given=settings(settle))
+    high = loop.feed(*[0.015] * 4, height=0.3)[-1].height
+    if before is not None:
+        stepped(loop, 8, high, before)
+    loop.controller.on_event("rumble")
+    return loop, high
+
+
+def stepped(loop: Loop, count: int, height: float, swing: Any = 0.12) -> list[float]:
+    """Return the heights after each of `count` estimates with the ceiling at `height`, the beam at swing(k)."""
+    return [command.height for command in loop.feed(*[0.015] * count, height=height, beam_amplitude=swing)]
+
+
+def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts() -> None:
+    loop, high = rumbling()
+    assert stepped(loop, 10, height=0.1) == [high] * 10  # on its way
+    lower = high - 0.1 * (high - 0.017)
+    assert stepped(loop, 3, height=high) == pytest.approx([high, high, lower])
+    (event,) = loop.events
+    assert (event.kind, event.value, event.command.sequence) == ("step_back", event.command.height, 2)
+    assert stepped(loop, 3, height=lower)[-1] == pytest.approx(lower - 0.1 * (lower - 0.017))
+    loop.controller.on_event("calm")
+    (stays,) = stepped(loop, 1, lower, math.nan)
+    assert stepped(loop, 10, height=stays) == [stays] * 10
+    settling, high = rumbling(settle=5)
+    assert stepped(settling, 8, high)[-2] == high
+    assert stepped(settling, 1, high)[-1] < high
+
+
+@pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
+def test_a_decaying_or_predicted_amplitude_moves_nothing(swing: Callable[[int], float]) -> None:
+    loop, high = rumbling(before=swing)
+    assert stepped(loop, 30, high, lambda k: swing(k + 8)) == [high] * 30
+
+
+def test_a_rumble_is_left_while_a_height_is_computed() -> None:
+    loop = Loop()
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    high = loop.feed(0.015, beam_amplitude=0.1)[0].height
+    loop.feed(*[0.015] * 4, beam_amplitude=0.1)
+    loop.controller.on_event("rumble")
+    loop.feed(*[0.014, 0.0139], beam_amplitude=0.1)
+    assert len(loop.executor.waiting) == 1
+    assert loop.feed(0.0139, beam_amplitude=0.1)[0].height < high
+    assert loop.heard() == [("step_back", Severity.WARNING)]
+
+
+# at any frequency
+
+
+class OfNoUse:
+    """A method for which the damper is of no use below 5 Hz."""
+
+    method, simulates, frequencies = "no_use", False, (2.7, 11.0)
+
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        if excitation.frequency >= 5.0:
+            return Selection(20.0 * excitation.amplitude, 0.05, 0.8, self.method)
+        return Selection(0.017, 0.02, 0.0, self.method, no_use=f"useless at {excitation.frequency:g} Hz")
+
+
+def test_where_the_damper_is_of_no_use_it_is_closed_and_that_is_reported_once() -> None:
+    loop, commands = Loop(OfNoUse(), given=settings(4, **ANYWHERE)), list[HeightCommand]()
+    for frequency in (5.49, 4.5, 4.4, 5.2, 4.5):
+        commands += loop.feed(*[0.015] * 10, frequency=frequency)
+    heights = [command.height for command in commands]
+    assert heights[9] == heights[39] == pytest.approx(0.3)
+    assert heights[19] == heights[29] == heights[49] == 0.017
+    assert loop.heard() == [("no_use", Severity.INFO)] * 2
+    assert any("useless at 4.4 Hz" in command.reason for command in commands)
+    assert commands[-1].predicted_amplitude == 0.02
+
+
+def test_a_frequency_that_is_not_followed_is_reported_once_until_it_is_steady() -> None:
+    """5 % a second: each estimate is a band away from the last."""
+    loop = Loop(OfNoUse(), given=settings(4, **ANYWHERE))
+    drifting = 5.49 * (1.0 + 0.05 * 0.05 * np.arange(100))
+    commands = loop.feed(*[0.015] * 10)
+    commands += loop.feed(*[0.015] * 100, frequency=lambda k: drifting[k], quality=Quality.TRANSIENT)
+    commands += loop.feed(*[0.015] * 10, frequency=drifting[-1])
+    (event,) = loop.events
+    assert (event.kind, event.command.reason) == ("refused", UNSETTLED)
+    first = next(k for k, command in enumerate(commands) if command.reason == UNSETTLED)
+    assert 10 + UNSETTLED_COUNT <= first <= 12 + UNSETTLED_COUNT  # inside the dead band at first
+    assert commands[-1].sequence == commands[first].sequence + 1
+    assert commands[-1].reason == INSIDE
+
+
+# while a height is computed
 
 
 def test_every_estimate_is_answered_while_a_height_is_computed() -> None:
@@ -114,45 +253,24 @@ def test_every_estimate_is_answered_while_a_height_is_computed() -> None:
     assert all(math.isnan(command.height) for command in waiting)
     assert [command.reason for command in waiting[3:]] == ["computing"] * 7
     loop.executor.compute()
+    (poor,) = loop.feed(0.015, quality=Quality.POOR)  # must not be acted on: the result waits
+    assert (poor.sequence, poor.reason.split()[0]) == (0, "poor")
     (selected,) = loop.feed(0.015)
     assert (selected.sequence, selected.reason) == (1, "selected")
     assert selected.height == pytest.approx(0.285)
     assert loop.selector.asked == [0.015]
-    assert loop.feed(0.015)[0].reason == "inside dead band"
-
-
-def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it() -> None:
-    selector = Linear()
-    selector.simulates = False
-    machine = SelectingController(SETTINGS, selector, (0.017, 1.0), None, Held())
-    estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
-    assert [machine.answer(0.05 * k, estimate, 0.017).command.sequence for k in range(5)] == [0, 0, 0, 1, 1]
-
-
-class Late(Linear):
-    """Ends after its deadline."""
-
-    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
-        found = super().select(excitation, margin, height)
-        return replace(found, wall_s=0.21, late=True, note="in 3 of 49 sampled systems; late: 0.210 s of 0.15 s")
+    assert loop.feed(0.015)[0].reason == INSIDE
 
 
 def test_what_a_height_holds_for_is_its_reason_and_a_missed_deadline_an_event() -> None:
-    machine = SelectingController(SETTINGS, Late(), (0.017, 1.0))
-    estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
-    answers = [machine.answer(0.05 * k, estimate, 0.017) for k in range(6)]
-    (event,) = [answer for answer in answers if answer.kind]
-    assert event.command.reason == "selected (in 3 of 49 sampled systems; late: 0.210 s of 0.15 s)"
+    loop = Loop(executor=InlineExecutor())
+    loop.selector.changes = {"wall_s": 0.21, "late": True, "note": "3/49"}
+    commands = loop.feed(*[0.015] * 6)
+    (event,) = loop.events
+    assert event.command.reason == "selected (3/49)"
     assert (event.kind, event.severity, event.value) == ("slow", Severity.WARNING, 0.21)
-    assert event.text == "direct: in 3 of 49 sampled systems; late: 0.210 s of 0.15 s"
-    assert answers[-1].command.reason == "inside dead band"
-
-
-def test_inline_the_height_is_in_the_answer_that_asks_for_it() -> None:
-    loop = Loop(InlineExecutor())
-    commands = loop.feed(*[0.015] * 5)
-    assert [command.sequence for command in commands] == [0, 0, 0, 1, 1]
-    assert "computing" not in {command.reason for command in commands}
+    assert event.text == "direct: 3/49"
+    assert commands[-1].reason == INSIDE
 
 
 def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew() -> None:
@@ -160,8 +278,7 @@ def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew
     loop.feed(*[0.03] * 4)
     loop.feed(*[0.015] * 2)
     loop.executor.compute()
-    dropped = loop.feed(0.015)
-    assert math.isnan(dropped[0].height)
+    assert math.isnan(loop.feed(0.015)[0].height)
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
     assert loop.feed(0.015)[0].height == pytest.approx(0.285)
@@ -175,42 +292,17 @@ def test_on_a_ramp_the_ceiling_follows_with_the_heights_on_the_way() -> None:
     loop.executor.compute()
     (step,) = loop.feed(ramp[10])
     assert step.height == pytest.approx(19.0 * loop.selector.asked[0])
-    assert len(loop.executor.waiting) == 1, "the height for where the ramp has come to is computed at once"
+    assert len(loop.executor.waiting) == 1  # the height for where the ramp has come to is computed at once
     loop.executor.compute()
     assert loop.feed(ramp[11])[0].height == pytest.approx(19.0 * ramp[10])
-
-
-def test_on_a_falling_ramp_too() -> None:
-    loop = Loop()
-    loop.feed(*[0.03] * 4)
-    loop.executor.compute()
-    loop.feed(0.03)
-    loop.feed(0.028, 0.027, 0.026)
-    loop.executor.compute()
-    (step,) = loop.feed(0.025)
+    falling = Loop()
+    falling.feed(*[0.03] * 4)
+    falling.executor.compute()
+    falling.feed(0.03, 0.028, 0.027, 0.026)
+    falling.executor.compute()
+    (step,) = falling.feed(0.025)
     assert step.height == pytest.approx(19.0 * 0.027)
     assert step.reason == "falling"
-
-
-def test_a_result_waits_while_estimates_must_not_be_acted_on() -> None:
-    loop = Loop()
-    loop.feed(*[0.015] * 4)
-    loop.executor.compute()
-    (poor,) = loop.feed(0.015, quality=Quality.POOR)
-    assert (poor.sequence, poor.reason) == (0, "poor estimate")
-    assert loop.feed(0.015)[0].sequence == 1
-
-
-def test_no_height_is_reported_when_it_is_known() -> None:
-    loop = Loop()
-    loop.selector.error = SelectionError("amplitude: given 1 m; allowed: up to 0.05 m")
-    loop.feed(*[0.015] * 5)
-    loop.executor.compute()
-    answer = loop.controller.answer(
-        1.0, Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49), 0.017
-    )
-    assert answer.kind == "refused"
-    assert "up to 0.05 m" in answer.text
 
 
 @pytest.mark.parametrize("now", [0.015, 0.03])
@@ -219,7 +311,7 @@ def test_a_defect_in_a_computation_is_raised_even_where_its_result_is_not_needed
     loop.selector.error = ZeroDivisionError("a defect")
     loop.feed(*[0.02] * 4)
     loop.executor.compute()
-    with pytest.raises(ZeroDivisionError, match="a defect"):
+    with pytest.raises(ZeroDivisionError):
         loop.feed(now)
 
 
@@ -228,58 +320,35 @@ def test_another_margin_selects_anew_and_drops_what_was_computed_with_the_last()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
     before = loop.feed(0.015)[0].height
-    loop.controller.configure(ControlSettings(HOLD, SETTINGS.step_back, SETTINGS.drift, 3.0))
+    loop.controller.configure(settings(margin=3.0))
     loop.feed(*[0.015] * 4)
-    loop.controller.configure(SETTINGS)
+    loop.controller.configure(settings())
     loop.executor.compute()
     assert loop.feed(0.015)[0].height == before
     loop.feed(*[0.015] * 4)
-    loop.controller.configure(ControlSettings(HOLD, SETTINGS.step_back, SETTINGS.drift, 3.0))
+    loop.controller.configure(settings(margin=3.0))
     loop.executor.compute()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
     assert loop.feed(0.015)[0].height == pytest.approx(17.1 * 0.015)
 
 
-def test_a_rumble_is_left_while_a_height_is_computed() -> None:
-    loop = Loop()
-    loop.feed(*[0.015] * 4)
-    loop.executor.compute()
-    high = loop.feed(0.015, beam=0.1)[0].height
-    loop.feed(*[0.015] * 4, beam=0.1)
-    loop.controller.on_event("rumble")
-    loop.feed(*[0.014, 0.0139], beam=0.1)
-    assert len(loop.executor.waiting) == 1
-    (lower,) = loop.feed(0.0139, beam=0.1)
-    assert lower.reason == "rumble: stepped back"
-    assert lower.height < high
-
-
 def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later() -> None:
     loop = Loop(twin=Twin())
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
-    loop.feed(*[0.015] * 8, beam=0.2)
-    assert len(loop.executor.waiting) == 1, "one comparison at a time"
-    alarms = []
+    loop.feed(*[0.015] * 8, beam_amplitude=0.2)
+    assert len(loop.executor.waiting) == 1  # one comparison at a time
     for _ in range(400):
         loop.executor.compute()
-        answer = loop.controller.answer(
-            loop.time,
-            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.2),
-            loop.height,
-        )
-        alarms += [answer.text] if answer.kind == "drift" else []
         while not loop.executor.waiting:
-            loop.feed(0.015, beam=0.2)
-    assert len(alarms) == 1
-    assert "(0.2000 m against 0.1000 m)" in alarms[0]
+            loop.feed(0.015, beam_amplitude=0.2)
+    (alarm,) = loop.events
+    assert (alarm.kind, alarm.severity) == ("drift", Severity.ALARM)
+    assert re.findall(r"[\d.]+ m\b", alarm.text) == ["0.2000 m", "0.1000 m"]
 
 
 def test_a_thread_computes_with_a_lower_priority_than_the_loop() -> None:
-    import os
-    import threading
-
     def nice() -> int:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
@@ -287,24 +356,15 @@ def test_a_thread_computes_with_a_lower_priority_than_the_loop() -> None:
         assert executor.submit(nice).result() > nice()
 
 
-class Looked(Linear):
-    """A look-up: lower heights, at once."""
-
-    method, simulates = "lookup", False
-
-    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
-        given = super().select(excitation, margin, height)
-        return Selection(0.9 * given.height, given.beam_amplitude, given.efficiency, self.method)
-
-
 def test_a_method_that_is_late_is_replaced_by_the_look_up_until_it_answers_in_time() -> None:
-    loop = Loop(fallback=Looked())
+    loop = Loop(fallback=Linear("lookup", simulates=False, share=0.9))
     late = loop.feed(*[0.015] * (3 + 20))
     assert [command.method for command in late] == ["direct"] * 22 + ["lookup"]
     assert late[-1].height == pytest.approx(0.9 * 0.285)
-    assert loop.events == [("fallback", 2, "direct has given no height for 20 estimates: heights are looked up")]
+    assert loop.heard() == [("fallback", Severity.ALARM)]
+    assert {"direct", "20"} <= set(loop.events[0].text.split())
     loop.executor.compute()
-    assert {command.method for command in loop.feed(*[0.015] * 5)} == {"lookup"}, "a late height is dropped"
+    assert {command.method for command in loop.feed(*[0.015] * 5)} == {"lookup"}  # a late height is dropped
     # out of use it is asked first, and the look-up answers meanwhile, without another event
     assert loop.feed(*[0.02] * 5)[-1].method == "lookup"
     assert len(loop.events) == 1
@@ -312,23 +372,24 @@ def test_a_method_that_is_late_is_replaced_by_the_look_up_until_it_answers_in_ti
     (answered,) = loop.feed(0.02)
     assert answered.method == "direct"
     assert answered.height == pytest.approx(0.38)
-    assert loop.events[1:] == [("fallback", 0, "direct gives heights in time again")]
+    assert loop.heard()[1:] == [("fallback", Severity.INFO)]
 
 
 def test_a_method_that_fails_is_replaced_by_the_look_up() -> None:
-    loop = Loop(InlineExecutor(), fallback=Looked())
+    loop = Loop(executor=InlineExecutor(), fallback=Linear("lookup", simulates=False, share=0.9))
     loop.selector.error = SelectionError("no height for this excitation")
     assert loop.feed(*[0.015] * (4 + 20))[-1].method == "lookup"
-    assert [kind for kind, _, _ in loop.events] == ["refused", "fallback"]
+    assert [kind for kind, _ in loop.heard()] == ["refused", "fallback"]
     loop.selector.error = None
     assert loop.feed(*[0.02] * 4)[-1].method == "direct"
-    assert [kind for kind, _, _ in loop.events] == ["refused", "fallback", "fallback"]
+    assert [kind for kind, _ in loop.heard()] == ["refused", "fallback", "fallback"]
 
 
 def test_without_a_look_up_the_ceiling_is_held_which_is_announced_once() -> None:
     loop = Loop()
     assert all(math.isnan(command.height) for command in loop.feed(*[0.015] * 60))
-    assert loop.events == [("fallback", 2, "direct has given no height for 20 estimates: the ceiling is held")]
+    assert loop.heard() == [("fallback", Severity.ALARM)]
+    assert {"direct", "20", "held"} <= set(loop.events[0].text.split())
     loop.executor.compute()
     assert loop.feed(0.015)[0].height == pytest.approx(0.285)
-    assert loop.events[-1] == ("fallback", 0, "direct gives heights in time again")
+    assert loop.heard()[1:] == [("fallback", Severity.INFO)]

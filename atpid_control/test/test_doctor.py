@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """`atpid doctor` against a right stand and wrong ones, real where that can be: port, board, library, disk, rights."""
 
+import argparse
 import datetime
+import errno
 import json
+import math
 import os
 import pty
+import re
 import shutil
 import socket
 import subprocess
@@ -14,26 +18,108 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import pytest
-from doctor_rig import Stand, calibration, machine, problems
+import yaml
 
 from atpid_common.claim import claimed
+from atpid_common.cli import Parser
 from atpid_common.real_time import LOOP_PRIORITY, refusal
+from atpid_control.cli import main
+from atpid_control.commands.doctor import add_arguments
 from atpid_control.stand.doctor import devices
-from atpid_control.stand.doctor.checks import block, verdict_of
-from atpid_control.stand.doctor.findings import Verdict
-from atpid_control.stand.doctor.software import _workspace
+from atpid_control.stand.doctor.checks import CHECKS, block, verdict_of
+from atpid_control.stand.doctor.findings import Finding, Subject, Verdict, examine
+from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, build_firmware, missing_tools
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.control import SERIAL
 from atpid_driver.standins.outputs import Outputs
 
-pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
+SCENE = ROOT / "scenes/stand_realtime.yaml"
+TODAY = datetime.date.today()
 WRONG, DEGRADED = Verdict.WOULD_FAIL, Verdict.DEGRADED
+#: What a machine's kernel shows where all is well.
+MACHINE = {
+    "proc/1/comm": "systemd",
+    "sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "1",
+    "sys/class/net/lo/flags": "0x9",
+    "sys/class/net/eth0/flags": "0x1003",
+    "etc/udev/rules.d/90-labjack.rules": "",
+    "run/systemd/timesync/synchronized": "",
+}
+
+
+class Stand:
+    """A stand in a folder on which everything is right, until a test makes one thing wrong."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.root = folder, folder / "root"
+        self.environment = os.environ
+        parser = Parser()
+        add_arguments(parser)
+        words = [str(SCENE), "--bag", str(folder / "bag"), "--hours", "0.1"]
+        self.options: argparse.Namespace = parser.parse_args(words)
+        for name, text in MACHINE.items():
+            self.write(name, text)
+        library = str(build() / "libLabJackM.so")
+        names = [self.calibrate(name) for name in ("support_displacement", "beam_displacement")]
+        self.values: dict[str, dict[str, Any]] = {
+            "motor_node": {"port": str(folder / "board"), "identify_timeout": 20.0},
+            "labjack_node": {"library": library, "serial": SERIAL, "calibrations": names,
+                             "calibration_folder": str(folder)},
+            "supervisor_node": {"beam_displacement_abort": 0.9},
+        }  # fmt: skip
+
+    def write(self, name: str, text: str | None) -> None:
+        """Write one of the machine's files; None: take it away."""
+        path = self.root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text or "")
+        if text is None:
+            path.unlink()
+
+    def calibrate(self, channel: str, **changed: Any) -> str:
+        """Write a calibration of today that sees ±1 m; return its file's name."""
+        values: dict[str, Any] = {
+            "channel": channel, "sensor": "laser", "serial": "A17", "date": TODAY, "source": "readings", "unit": "m",
+            "coefficients": (-1.5, 0.5), "limits_volts": (1.0, 5.0), "residual_std": 1e-4, "readings": 21,
+        }  # fmt: skip
+        save(Calibration(**values | changed), self.folder / f"{channel}.yaml")
+        return f"{channel}.yaml"
+
+    def drive(self, **changed: Any) -> Outputs:
+        """Let a T7 drive an inverter, its settings in a file of the user's; return its outputs."""
+        self.environment["ATPID_LJM_OUTPUT"] = str(self.folder / "output")
+        text = (ROOT / "atpid_driver/config/excitation.yaml").read_text()
+        self.options.excitation_config = self.folder / "excitation.yaml"
+        self.options.excitation_config.write_text(text.replace("backend: simulated", "backend: labjack_dac"))
+        file = self.calibrate("drive_frequency", unit="Hz", coefficients=(0.0, 2.0), limits_volts=(0.0, 5.0))
+        own = {"calibration": file, "calibration_folder": str(self.folder)}
+        self.values["excitation_node"] = own | {"library": self.values["labjack_node"]["library"]} | changed
+        return Outputs(self.folder / "output")
+
+    def subject(self, **changed: Any) -> Subject:
+        """Return what is checked, its parameters written."""
+        file = self.folder / "parameters.yaml"
+        file.write_text(yaml.dump({f"/**/{node}": {"ros__parameters": one} for node, one in self.values.items()}))
+        self.options.params_file = file
+        return Subject(self.options, self.root, **changed)
+
+    def rows(self, *names: str, **changed: Any) -> list[Finding]:
+        """Return what the checks of these names find; of none given, all."""
+        chosen = {name: place for name, place in CHECKS.items() if not names or name in names}
+        return list(examine(self.subject(**changed), chosen))
+
+    def problems(self, *names: str, **changed: Any) -> list[tuple[Verdict, str]]:
+        return problems(self.rows(*names, **changed))
+
+
+def problems(rows: list[Finding]) -> list[tuple[Verdict, str]]:
+    return [(row.verdict, row.found) for row in rows if row.verdict > Verdict.RIGHT]
 
 
 @pytest.fixture
@@ -48,7 +134,7 @@ def control(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Control
 @pytest.fixture
 def stand(tmp_path: Path, control: Control) -> Iterator[Stand]:
     with patch.dict(os.environ):
-        yield Stand(tmp_path, ROOT / "scenes/stand_realtime.yaml", build() / "libLabJackM.so", SERIAL)
+        yield Stand(tmp_path)
 
 
 @contextmanager
@@ -61,11 +147,10 @@ def board(folder: Path, **options: Any) -> Iterator[Emulator]:
         yield made
 
 
-def test_a_right_stand_is_right_in_under_ten_seconds(stand: Stand) -> None:
+def test_a_right_stand_is_right(stand: Stand) -> None:
     with board(stand.folder) as emulator:
-        begun, before = time.monotonic(), emulator.state()
+        before = emulator.state()
         rows = stand.rows()
-        assert time.monotonic() - begun < 10.0
         after = emulator.state()
     assert (after.switched, after.travel_um) == (before.switched, before.travel_um)  # the motor was never on
     refused = {"real time"} if refusal(LOOP_PRIORITY) else set()
@@ -74,28 +159,30 @@ def test_a_right_stand_is_right_in_under_ten_seconds(stand: Stand) -> None:
     assert problems(left) == []
     assert not any(row.verdict is WRONG for row in rows)
     assert {row.check for row in rows if row.verdict is Verdict.NOT_CHECKED} == {"NI", "exciter"}
-    assert block(left).endswith("the stand can be started")
+    assert len(block(left).splitlines()) == len(left) + 2
     assert str(Path.home()) not in block(rows)
 
 
-#: What is made wrong at the board's side, with the emulator; and what is found.
+#: What is made wrong at the board's side; and what is found.
 BOARDS: dict[str, tuple[Callable[[Emulator, Stand], object], str]] = {
-    "emergency stop": (lambda board, _: board.set("stop", "open"), "it would not be armed: emergency stop pressed"),
-    "sensor's wire": (lambda board, _: board.set("sensor", "open"), "it would not be armed: position sensor open"),
-    "limits": (lambda _, stand: stand.values["motor_node"].update(lowest=0.001), "limits 0.001 to 1 m asked for"),
-    "speed": (lambda _, stand: stand.values["motor_node"].update(speed=0.5), "the firmware's is 0.3 m/s"),
-    "no power": (lambda board, _: board.do("power 0"), "nothing answers as ATPID-MOTOR within 2 s"),
+    "emergency stop": (lambda board, _: board.set("stop", "open"), "emergency stop"),
+    "sensor's wire": (lambda board, _: board.set("sensor", "open"), "sensor open"),
+    "limits": (lambda _, stand: stand.values["motor_node"].update(lowest=0.001), "0.001 to 1 m"),
+    "speed": (lambda _, stand: stand.values["motor_node"].update(speed=0.5), "0.3 m/s"),
+    "no power": (lambda board, _: board.do("power 0"), "ATPID-MOTOR.* 0.5 s"),
 }
 
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_a_wrong_board_is_named(stand: Stand, name: str) -> None:
     change, expected = BOARDS[name]
+    if name == "no power":
+        stand.values["motor_node"]["identify_timeout"] = 0.5
     with board(stand.folder) as emulator:
         emulator.run(0.5)
         change(emulator, stand)
-        found = problems(stand.rows("board"))
-    assert [text for verdict, text in found if verdict is WRONG and expected in text], found
+        found = stand.problems("board")
+    assert [text for verdict, text in found if verdict is WRONG and re.search(expected, text)], found
 
 
 def test_another_firmware_is_named(stand: Stand) -> None:
@@ -103,32 +190,18 @@ def test_another_firmware_is_named(stand: Stand) -> None:
     shutil.copytree(ROOT / "atpid_driver/firmware", source, ignore=shutil.ignore_patterns("build"))
     config = source / "config.h"
     config.write_text(config.read_text().replace('FIRMWARE_VERSION "1.', 'FIRMWARE_VERSION "3.'))
-    with board(stand.folder, firmware=_built(source)):
-        found = problems(stand.rows("board"))
-    assert [text for _, text in found if "firmware 3." in text and "this driver needs 1.x" in text], found
-
-
-def _built(source: Path) -> Path:
     if missing_tools():
-        return build_firmware()  # left out by `board`
-    subprocess.run(["make", "-s", "-C", str(source)], check=True, capture_output=True)
-    return source / "build/atpid_motor.elf"
-
-
-def _held(stand: Stand) -> subprocess.Popen[str]:
-    """Let another program open the port, and give the checks this machine's processes."""
-    stand.root = Path("/")
-    code = "import sys; file = open(sys.argv[1], 'rb', buffering=0); print('held', flush=True); sys.stdin.read()"
-    words = [sys.executable, "-c", code, stand.values["motor_node"]["port"]]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
-    return process
+        firmware = build_firmware()  # left out by `board`
+    else:
+        subprocess.run(["make", "-s", "-C", str(source)], check=True, capture_output=True)
+        firmware = source / "build/atpid_motor.elf"
+    with board(stand.folder, firmware=firmware):
+        found = stand.problems("board")
+    assert [text for _, text in found if re.search(r" 3\..* 1\.x", text)], found
 
 
 @pytest.fixture
 def port(stand: Stand) -> Iterator[Path]:
-    """A port behind which nobody answers."""
     own, other = pty.openpty()
     path = Path(os.ttyname(other))
     stand.values["motor_node"]["port"] = str(path)
@@ -138,12 +211,16 @@ def port(stand: Stand) -> Iterator[Path]:
 
 
 def test_a_port_that_another_program_holds_is_not_opened(stand: Stand, port: Path) -> None:
-    process = _held(stand)
-    try:
-        found = problems(stand.rows("board"))
-    finally:
+    stand.root = Path("/")  # with this machine's processes
+    code = "import sys; file = open(sys.argv[1], 'rb', buffering=0); print('held', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        found = stand.problems("board")
         process.communicate("")
-    assert [text for _, text in found if f"{port} is held by" in text and str(process.pid) in text], found
+    assert [text for _, text in found if str(port) in text and str(process.pid) in text], found
 
 
 def test_a_port_without_rights_is_named_with_the_group(stand: Stand, port: Path) -> None:
@@ -154,66 +231,112 @@ def test_a_port_without_rights_is_named_with_the_group(stand: Stand, port: Path)
     if user == 0:
         os.seteuid(65534)
     try:
-        found = list(devices.board(subject))
+        (found,) = devices.board(subject)
     finally:
         os.seteuid(user)
-    assert [(one.verdict, one.found) for one in found] == [(WRONG, f"{port} may not be opened by this user")]
-    assert "usermod -aG" in found[0].mend
+    assert found.verdict is WRONG
+    assert str(port) in found.found
+    assert "usermod -aG" in found.mend
 
 
-def test_a_port_that_is_a_file_or_missing_is_named(stand: Stand) -> None:
-    assert "is not there; there are: no serial ports" in problems(stand.rows("board"))[0][1]
-    (stand.folder / "board").write_text("")
-    assert "is no serial port" in problems(stand.rows("board"))[0][1]
+Change = Callable[[Stand], object]
 
 
-#: One thing wrong with the machine's files: check, file, its text, verdict, what is found.
-MACHINES = {
-    "latency": ("USB", "sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", DEGRADED, "for 16 ms"),
-    "ModemManager": ("USB", "proc/77/comm", "ModemManager", DEGRADED, "ModemManager runs"),
-    "clock": ("clock", "run/systemd/timesync/synchronized", None, DEGRADED, "kept by nothing"),
-    "loopback": ("middleware", "sys/class/net/lo/flags", "0x8", WRONG, "the loopback interface is down"),
-    "udev": ("LabJack", "etc/udev/rules.d/90-labjack.rules", None, DEGRADED, "no udev rule of LabJack"),
+def file(name: str, text: str | None) -> Change:
+    return lambda stand: stand.write(name, text)
+
+
+def variable(name: str, value: str) -> Change:
+    return lambda stand: stand.environment.update({name: value})
+
+
+def value(node: str, **changed: Any) -> Change:
+    return lambda stand: stand.values.setdefault(node, {}).update(changed)
+
+
+def sensor(**changed: Any) -> Change:
+    return lambda stand: stand.calibrate("beam_displacement", **changed)
+
+
+def exciter(**changed: Any) -> Change:
+    return lambda stand: stand.drive(**changed)
+
+
+class Case(NamedTuple):
+    """One thing that is made wrong, the check that finds it, and parts of what it finds."""
+
+    check: str
+    change: Change
+    verdict: Verdict
+    parts: str
+
+
+ORDER = ["beam_displacement", "support_displacement"]
+CASES = {
+    # the machine's files
+    "latency": Case("USB", file("sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16"), DEGRADED, "16 ms"),
+    "ModemManager": Case("USB", file("proc/77/comm", "ModemManager"), DEGRADED, "ModemManager"),
+    "clock": Case("clock", file("run/systemd/timesync/synchronized", None), DEGRADED, "by nothing"),
+    "loopback": Case("middleware", file("sys/class/net/lo/flags", "0x8"), WRONG, "loopback"),
+    "udev": Case("LabJack", file("etc/udev/rules.d/90-labjack.rules", None), DEGRADED, "udev"),
+    "a check that fails": Case("middleware", file("sys/class/net/lo/flags", "up"), DEGRADED, "ValueError"),
+    # environment variables
+    "middleware": Case("middleware", variable("RMW_IMPLEMENTATION", "rmw_none_cpp"), WRONG, "rmw_none_cpp"),
+    "no domain": Case("middleware", variable("ROS_DOMAIN_ID", "999"), WRONG, "'999'.* 0 .* 232"),
+    "high domain": Case("middleware", variable("ROS_DOMAIN_ID", "150"), DEGRADED, "domain 150"),
+    "wide": Case("middleware", variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"), DEGRADED, "SUBNET.*every"),
+    "no range": Case("middleware", variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCAL"), WRONG, "LOCAL$"),
+    "profile": Case("middleware", variable("FASTRTPS_DEFAULT_PROFILES_FILE", "/none.xml"), WRONG, "/none.xml"),
+    "distribution": Case("middleware", variable("ROS_DISTRO", "humble"), WRONG, "humble"),
+    "security": Case("middleware", variable("ROS_SECURITY_ENABLE", "true"), WRONG, "keys not"),
+    "path": Case("workspace", variable("PATH", "/nowhere"), WRONG, "env, setpriv"),
+    "not sourced": Case("workspace", variable("AMENT_PREFIX_PATH", ""), WRONG, "path.*activate"),
+    # parameters
+    "no library": Case("LabJack", value("labjack_node", library="/none.so"), WRONG, "libLabJackM.so"),
+    "a broken library": Case("LabJack", value("labjack_node", library=__file__), WRONG, "ELF"),
+    "another T7": Case("LabJack", value("labjack_node", serial=7), WRONG, rf"{SERIAL}\b.* 7\b"),
+    "any T7": Case("LabJack", value("labjack_node", serial=0), DEGRADED, "serial 0"),
+    "wiring": Case("LabJack", value("labjack_node", terminals=["AIN0"]), WRONG, "2 channels, 1 terminals"),
+    "order": Case("calibrations", value("labjack_node", channels=ORDER), WRONG, f"{ORDER[0]} .* {ORDER[1]}"),
+    "no calibration": Case("calibrations", value("labjack_node", calibrations=["no.yaml"] * 2), WRONG, "no.yaml"),
+    "no levels": Case("parameters", value("supervisor_node", beam_displacement_abort=math.inf), DEGRADED, "none"),
+    "a node's name": Case("parameters", value("labjak_node", serial=1), WRONG, r"labjack_node\?"),
+    "a type": Case("parameters", value("labjack_node", rate="fast"), WRONG, "'fast'.* float"),
+    "a parameter's name": Case("parameters", value("selector_node", dead_bond=0.1), WRONG, r"dead_band\?"),
+    "a range": Case("parameters", value("identifier_node", window_periods=99.0), WRONG, " 99;.* 1 .* 20"),
+    "travel": Case("travel", value("motor_node", highest=0.5), WRONG, "0.5"),
+    "no port": Case("board", value("motor_node", port="/none"), WRONG, "/none .*no serial ports"),
+    "a file": Case("board", value("motor_node", port=__file__), WRONG, f"{__file__} .*no serial port"),
+    # calibrations
+    "old": Case("calibrations", sensor(date=TODAY - datetime.timedelta(days=500)), DEGRADED, "500 days"),
+    "to come": Case("calibrations", sensor(date=TODAY + datetime.timedelta(days=9)), WRONG, "future"),
+    "unit": Case("calibrations", sensor(unit="mm"), WRONG, "needed: m$"),
+    "nominal": Case("calibrations", sensor(source="nominal, data sheet"), DEGRADED, "nominal"),
+    "few readings": Case("calibrations", sensor(readings=3), DEGRADED, "3 readings;.* few"),
+    "scatter": Case("calibrations", sensor(residual_std=0.1), DEGRADED, "bad readings"),
+    "reach": Case("ranges", sensor(coefficients=(-0.225, 0.075)), DEGRADED, r"±0\.15 .*±0\.667"),
+    # the exciter's parameters
+    "no file": Case("exciter", exciter(calibration="none.yaml"), WRONG, "none.yaml"),
+    "none given": Case("exciter", exciter(calibration=""), WRONG, "calibration is empty"),
+    "the sensors'": Case("exciter", exciter(calibration="beam_displacement.yaml"), WRONG, "beam_.*labjack_dac"),
+    "limits": Case("exciter", exciter(lowest_frequency=90.0), WRONG, "0 < lowest < highest"),
+    "no library of it": Case("exciter", exciter(library="/none.so"), WRONG, "libLabJackM.so"),
+    "another T7 of it": Case("exciter", exciter(serial=7), WRONG, r" 7\b"),
+    # the rest
+    "map": Case("scene", lambda stand: vars(stand.options).update(map=ROOT / "README.md"), WRONG, "README.md"),
+    "a full disk": Case("disk", lambda stand: vars(stand.options).update(hours=1e5), WRONG, ""),
+    "no disk": Case("disk", lambda stand: vars(stand.options).update(bag=Path("/proc/none/bag")), WRONG, "written"),
 }
 
 
-@pytest.mark.parametrize("name", MACHINES)
-def test_a_wrong_machine_is_named(stand: Stand, name: str) -> None:
-    check, file, text, verdict, expected = MACHINES[name]
-    stand.root = machine(stand.folder / "wrong", {file: text})
-    ((found, said),) = problems(stand.rows(check))
-    assert found is verdict
-    assert expected in said
-
-
-#: One environment variable that is wrong: its check, and as above.
-VARIABLES = {
-    "RMW_IMPLEMENTATION": ("middleware", "rmw_none_cpp", WRONG, "middleware rmw_none_cpp is not installed"),
-    "ROS_DOMAIN_ID": ("middleware", "999", WRONG, "given '999'; allowed: 0 to 232"),
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": (
-        "middleware",
-        "SUBNET",
-        DEGRADED,
-        "range of discovery SUBNET to every computer of the network",
-    ),
-    "FASTRTPS_DEFAULT_PROFILES_FILE": ("middleware", "/none.xml", WRONG, "/none.xml, the profile of Fast DDS, is miss"),
-    "ROS_DISTRO": ("middleware", "humble", WRONG, "ROS humble is sourced"),
-    "ROS_SECURITY_ENABLE": ("middleware", "true", WRONG, "security on, keys not found"),
-    "PATH": ("workspace", "/nowhere", WRONG, "env, setpriv not on the path"),
-}
-
-
-@pytest.mark.parametrize("name", VARIABLES)
-def test_a_wrong_variable_is_named(stand: Stand, name: str) -> None:
-    check, value, verdict, expected = VARIABLES[name]
-    stand.environment[name] = value
-    found = problems(stand.rows(check))
-    assert [text for seen, text in found if seen is verdict and expected in text], found
-
-
-def test_a_range_that_does_not_exist_and_a_high_domain_are_named(stand: Stand) -> None:
-    stand.environment |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL", "ROS_DOMAIN_ID": "150"}
-    assert problems(stand.rows("middleware")) == [(WRONG, "range of discovery LOCAL"), (DEGRADED, "domain 150")]
+@pytest.mark.parametrize("name", CASES)
+def test_one_wrong_thing_is_named(stand: Stand, name: str) -> None:
+    check, change, verdict, parts = CASES[name]
+    change(stand)
+    rows = stand.rows(check, "clock")
+    found = problems([row for row in rows if row.check == check])
+    assert [text for seen, text in found if seen is verdict and re.search(parts, text)], found
+    assert rows[-1].check == "clock"  # whatever another check found
 
 
 def test_nodes_that_run_and_a_domain_in_use_are_named(stand: Stand) -> None:
@@ -222,240 +345,110 @@ def test_nodes_that_run_and_a_domain_in_use_are_named(stand: Stand) -> None:
     assert holder is not None
     with holder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", 7400 + 250 * int(domain)))
-        assert problems(stand.rows("nodes")) == [(WRONG, "run already: motor_node")]
-        assert problems(stand.rows("middleware")) == [(DEGRADED, f"domain {domain}, in which programs run already")]
-
-
-#: A parameter, or a channel's calibration, that is wrong: check, node, change, verdict, what is found.
-VALUES: dict[str, tuple[str, str, dict[str, Any], Verdict, str]] = {
-    "no library": ("LabJack", "labjack_node", {"library": "/none.so"}, WRONG, "libLabJackM.so is not installed"),
-    "a broken library": ("LabJack", "labjack_node", {"library": __file__}, WRONG, "invalid ELF header"),
-    "another T7": ("LabJack", "labjack_node", {"serial": 7}, WRONG, f"serial number {SERIAL}, expected 7"),
-    "any T7": ("LabJack", "labjack_node", {"serial": 0}, DEGRADED, "serial 0: any device is taken"),
-    "wiring": ("LabJack", "labjack_node", {"terminals": ["AIN0"]}, WRONG, "2 channels, 1 terminals"),
-    "order": ("calibrations", "labjack_node", {"channels": ["beam_displacement", "support_displacement"]}, WRONG,
-              "channel beam_displacement was given the calibration of support_displacement"),
-    "no file": ("calibrations", "labjack_node", {"calibrations": ["none.yaml", "none.yaml"]}, WRONG, "no such file"),
-    "no levels": ("parameters", "supervisor_node", {"beam_displacement_abort": float("inf")}, DEGRADED,
-                  "abort levels: none: however far the beam moves"),
-    "a node's name": ("parameters", "labjak_node", {"serial": 1}, WRONG, "did you mean labjack_node?"),
-    "a type": ("parameters", "labjack_node", {"rate": "fast"}, WRONG, "given 'fast'; allowed: a float"),
-    "a parameter's name": ("parameters", "selector_node", {"dead_bond": 0.1}, WRONG, "did you mean dead_band?"),
-    "a range": ("parameters", "identifier_node", {"window_periods": 99.0}, WRONG, "given 99; allowed: 1 to 20"),
-    "travel": ("travel", "motor_node", {"highest": 0.5}, WRONG, "allowed: a scene inside the motor's range"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", VALUES)
-def test_a_wrong_value_is_named(stand: Stand, name: str) -> None:
-    check, node, change, verdict, expected = VALUES[name]
-    stand.values.setdefault(node, {}).update(change)
-    found = problems(stand.rows(check))
-    assert [text for seen, text in found if seen is verdict and expected in text], found
+        ((verdict, text),) = stand.problems("nodes")
+        assert (verdict, text.endswith(": motor_node")) == (WRONG, True)
+        ((verdict, text),) = stand.problems("middleware")
+        assert (verdict, text.startswith(f"domain {domain},")) == (DEGRADED, True)
 
 
 def test_a_device_that_is_unplugged_is_named(stand: Stand, control: Control) -> None:
     control.unplug()
-    assert "no T7 answers: check cable, power and `serial`" in problems(stand.rows("LabJack"))[0][1]
+    verdict, text = stand.problems("LabJack")[0]
+    assert (verdict, "T7" in text) == (WRONG, True)
 
 
-TODAY = datetime.date.today()
-#: What is wrong with a calibration, and what is found.
-CALIBRATIONS: dict[str, tuple[dict[str, Any], Verdict, str]] = {
-    "old": ({"date": TODAY - datetime.timedelta(days=500)}, DEGRADED, "; 500 days old"),
-    "to come": ({"date": TODAY + datetime.timedelta(days=9)}, WRONG, "made in the future"),
-    "unit": ({"unit": "mm"}, WRONG, "; needed: m"),
-    "nominal": ({"source": "nominal, data sheet"}, DEGRADED, "nominal figures of the data sheet"),
-    "few readings": ({"readings": 3}, DEGRADED, "3 readings; few or bad readings"),
-    "scatter": ({"residual_std": 0.1}, DEGRADED, "few or bad readings"),
-    "range": ({"coefficients": (-0.225, 0.075)}, DEGRADED, "reads ±0.15 m, the scene's closed damper ±0.667"),
-}
-
-
-@pytest.mark.parametrize("name", CALIBRATIONS)
-def test_a_wrong_calibration_is_named(stand: Stand, name: str) -> None:
-    changed, verdict, expected = CALIBRATIONS[name]
-    calibration(stand.folder, "beam_displacement", **changed)
-    found = problems(stand.rows("calibrations", "ranges"))
-    assert [text for seen, text in found if seen is verdict and expected in text], found
-
-
-@pytest.fixture
-def exciter(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> Outputs:
-    """A T7 that drives an inverter, its settings in a file of the user's."""
-    monkeypatch.setenv("ATPID_LJM_OUTPUT", str(stand.folder / "output"))
-    text = (
-        (ROOT / "atpid_driver/config/excitation.yaml").read_text().replace("backend: simulated", "backend: labjack_dac")
-    )
-    stand.options.excitation_config = stand.folder / "excitation.yaml"
-    stand.options.excitation_config.write_text(text)
-    file = calibration(stand.folder, "drive_frequency", unit="Hz", coefficients=(0.0, 2.0), limits_volts=(0.0, 5.0))
-    library = stand.values["labjack_node"]["library"]
-    stand.values["excitation_node"] = {"calibration": file, "calibration_folder": str(stand.folder), "library": library}
-    return Outputs(stand.folder / "output")
-
-
-def test_an_exciter_is_opened_and_closed_with_its_output_off(stand: Stand, exciter: Outputs) -> None:
+def test_an_exciter_is_opened_and_closed_with_its_output_off_unless_it_runs(stand: Stand) -> None:
+    outputs = stand.drive()
     found = stand.rows("exciter")
     assert problems(found) == []
-    assert [row.found for row in found][1] == f"labjack:{SERIAL} DAC0 answers"
-    assert exciter.volts(0) == 0.0
-
-
-#: A parameter of the exciter that is wrong, and what is found.
-EXCITERS: dict[str, tuple[dict[str, Any], str]] = {
-    "no file": ({"calibration": "none.yaml"}, "none.yaml"),
-    "no calibration": ({"calibration": ""}, "calibration is empty"),
-    "the sensors'": ({"calibration": "beam_displacement.yaml"}, "given channel beam_displacement; backend labjack_dac"),
-    "limits": ({"lowest_frequency": 90.0}, "need 0 < lowest < highest"),
-    "library": ({"library": "/none.so"}, "libLabJackM.so is not installed"),
-    "another T7": ({"serial": 7}, "expected 7"),
-}
-
-
-@pytest.mark.parametrize("name", EXCITERS)
-def test_a_wrong_exciter_is_named(stand: Stand, exciter: Outputs, name: str) -> None:
-    changed, expected = EXCITERS[name]
-    stand.values["excitation_node"] |= changed
-    found = problems(stand.rows("exciter"))
-    assert [text for seen, text in found if seen is WRONG and expected in text], found
-
-
-def test_an_exciter_without_limits_or_that_runs_is_named(stand: Stand, exciter: Outputs) -> None:
+    assert f"labjack:{SERIAL} DAC0" in found[1].found
+    assert outputs.volts(0) == 0.0
     holder = claimed(f"{stand.environment['ROS_DOMAIN_ID']}/excitation_node")
     assert holder is not None
     with holder:
-        assert stand.rows("exciter")[-1].found == "excitation_node runs: its output would be switched off"
+        last = stand.rows("exciter")[-1]
+    assert (last.verdict, "excitation_node" in last.found) == (Verdict.NOT_CHECKED, True)
     stand.options.excitation_config.write_text("/**/excitation_node: {ros__parameters: {backend: simulated}}")
-    ((verdict, text),) = problems(stand.rows("exciter"))
+    ((verdict, text),) = stand.problems("exciter")
     assert verdict is WRONG
-    assert "'highest_amplitude', 'lowest_frequency', and 'highest_frequency'; give them in its parameter file" in text
-
-
-def test_a_check_that_fails_leaves_the_others(stand: Stand) -> None:
-    (stand.root / "sys/class/net/lo/flags").write_text("up")
-    found = stand.rows("middleware", "clock")
-    assert (DEGRADED, "the check itself failed: ValueError") in [(seen, text[:35]) for seen, text in problems(found)]
-    assert found[-1].check == "clock"
+    assert all(name in text for name in ("'highest_amplitude'", "'lowest_frequency'", "'highest_frequency'"))
 
 
 def test_a_wrong_scene_is_named_once(stand: Stand) -> None:
-    scene = stand.folder / "scene.yaml"
-    scene.write_text((ROOT / "scenes/stand_realtime.yaml").read_text().replace("stiffness", "stifness"))
-    stand.options.scene = scene
-    found = problems(stand.rows("scene", "travel", "ranges"))
-    assert len(found) == 1
-    assert "did you mean stiffness?" in found[0][1]
-
-
-def test_a_broken_map_is_named(stand: Stand) -> None:
-    stand.options.map = ROOT / "README.md"
-    assert [verdict for verdict, text in problems(stand.rows("scene")) if "README.md" in text] == [WRONG]
-
-
-def test_a_disk_that_cannot_take_the_recording_is_named(stand: Stand) -> None:
-    stand.options.hours = 1e5
-    assert problems(stand.rows("disk"))[0][0] is WRONG
-    stand.options.bag, stand.options.hours = Path("/proc/none/bag"), 1.0
-    ((verdict, text),) = problems(stand.rows("disk"))
-    assert verdict is WRONG
-    assert "cannot be written" in text
-
-
-def command(words: list[str], before: list[str], **variables: str) -> tuple[int, dict[str, str]]:
-    """Run the command itself; return its status, and what is not right by check."""
-    program = [sys.executable, "-m", "atpid_control.cli", "doctor", *words, "--json"]
-    code = f"import sys; from atpid_control.cli import main; sys.exit(main({program[3:]!r}))"
-    done = subprocess.run([*before, sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT,
-                          env=os.environ | variables)  # fmt: skip
-    checks = json.loads(done.stdout)["checks"]
-    found: dict[str, str] = {}
-    for one in checks:
-        if one["mend"]:
-            found[one["check"]] = f"{found.get(one['check'], '')} {one['found']}".strip()
-    return done.returncode, found
+    stand.options.scene = stand.folder / "scene.yaml"
+    stand.options.scene.write_text(SCENE.read_text().replace("stiffness", "stifness"))
+    ((verdict, text),) = stand.problems("scene", "travel", "ranges")
+    assert (verdict, "stiffness?" in text) == (WRONG, True)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="takes the rights of root away")
 def test_a_user_without_rights_and_a_full_disk(tmp_path: Path) -> None:
-    rights = [
-        "setpriv",
-        "--inh-caps",
-        "-all",
-        "--bounding-set",
-        "-sys_nice",
-        "prlimit",
-        "--fsize=1000000",
-        "--memlock=1000000",
-    ]
-    levels = tmp_path / "levels.yaml"
+    rights = ["setpriv", "--inh-caps", "-all", "--bounding-set", "-sys_nice"]
+    limits = ["prlimit", "--fsize=1000000", "--memlock=1000000"]
+    levels, bag = tmp_path / "levels.yaml", tmp_path / "bag"
     levels.write_text("/**/supervisor_node: {ros__parameters: {lock_memory: true}}")
-    bag = tmp_path / "bag"
-    status, found = command(["--bag", str(bag), "--params-file", str(levels)], rights)
-    assert status == 2  # no board here
-    assert "real-time priority 10 is not allowed" in found["real time"]
-    assert "memory that may be locked: 1 MB" in found["real time"]
-    assert f"{bag} cannot be written: File too large" in found["disk"]
-
-
-def test_a_package_that_is_missing_fails_what_needs_it(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "mcap", None)
-    rows = stand.rows("packages")
-    assert any(text.startswith("mcap: ModuleNotFoundError") for verdict, text in problems(rows) if verdict is WRONG)
+    words = ["doctor", "--bag", str(bag), "--params-file", str(levels), "--json"]
+    code = f"import sys; from atpid_control.cli import main; sys.exit(main({words!r}))"
+    command = [*rights, *limits, sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 2  # no board here
+    found: dict[str, str] = {}
+    for one in json.loads(done.stdout)["checks"]:
+        if one["mend"]:
+            found[one["check"]] = f"{found.get(one['check'], '')} {one['found']}"
+    assert re.search("10 .*memory.* 1 MB", found["real time"])
+    assert re.search(f"{bag} .*{os.strerror(errno.EFBIG)}", found["disk"])
 
 
 @pytest.fixture
 def workspace(stand: Stand) -> Path:
     """A copy of what is checked of the workspace that is sourced."""
-    real, folder = _workspace(), stand.folder / "repository/ros2_ws"
-    for name in ("machine.py", "requirements/wheels.txt", "requirements/sourced.txt"):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(real / name, folder / name)
-    for name in ("atpid_sim/package.xml", "atpid_sim/setup.py"):
-        (folder.parent / name).parent.mkdir(exist_ok=True)
-        shutil.copy(real.parent / name, folder.parent / name)
+    real, folder = ROOT / "ros2_ws", stand.folder / "repository/ros2_ws"
     package = folder / "install/atpid_control"
+    copied = (
+        "ros2_ws/machine.py", "ros2_ws/requirements/wheels.txt", "ros2_ws/requirements/sourced.txt",
+        "ros2_ws/install/stamp", "atpid_sim/package.xml", "atpid_sim/setup.py",
+    )  # fmt: skip
+    for name in copied:
+        (folder.parent / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(real.parent / name, folder.parent / name)
     for name in ("share/ament_index/resource_index/packages/atpid_control", "lib/atpid_control/identifier_node"):
         (package / name).parent.mkdir(parents=True)
         (package / name).touch()
-    shutil.copy(real / "install/stamp", folder / "install/stamp")
-    paths = stand.environment["AMENT_PREFIX_PATH"]
-    stand.environment["AMENT_PREFIX_PATH"] = f"{package}:{paths}"
+    stand.environment["AMENT_PREFIX_PATH"] = f"{package}:{stand.environment['AMENT_PREFIX_PATH']}"
     return folder
 
 
-def test_a_workspace_that_is_older_or_not_sourced_is_named(stand: Stand, workspace: Path) -> None:
+def test_a_workspace_that_is_older_or_another_one_is_named(stand: Stand, workspace: Path) -> None:
     setup = workspace.parent / "atpid_sim/setup.py"
     setup.write_text(setup.read_text() + "# changed\n")
-    found = [text for _, text in problems(stand.rows("workspace"))]
-    assert found == [
-        "sourced; older than its sources: atpid_sim", "code of another folder runs than that of the workspace",
-    ]  # fmt: skip
-    stand.environment["AMENT_PREFIX_PATH"] = ""
-    ((verdict, text),) = problems(stand.rows("workspace"))
-    assert verdict is WRONG
-    assert "is not on the path: `make setup`, then `. ros2_ws/activate`" in text
+    (_, older), (_, other) = stand.problems("workspace")
+    assert older.endswith(": atpid_sim")
+    assert "folder" in other
 
 
-def test_a_version_other_than_the_lock_s_is_named(stand: Stand, workspace: Path) -> None:
+def test_a_package_that_is_missing_or_of_another_version_than_the_lock_s_is_named(
+    stand: Stand, workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for lock in (workspace / "requirements").glob("*.txt"):
         lock.write_text(lock.read_text().replace("\nrich==", "\nrich==99."))
-    ((verdict, text),) = problems(stand.rows("packages"))
-    assert verdict is DEGRADED
-    assert "rich " in text
-    assert " in place of 99." in text
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    (wrong, missing), (degraded, other) = stand.problems("packages")
+    assert (wrong, missing.startswith("mcap: ModuleNotFoundError")) == (WRONG, True)
+    assert (degraded, re.search(r"rich \d.* 99\.", other) is not None) == (DEGRADED, True)
 
 
 def test_a_wall_clock_that_was_set_or_is_wrong_is_named(stand: Stand) -> None:
     now = time.monotonic_ns()
-    found = problems(stand.rows("clock", begun=(time.time_ns() - 3_000_000_000, now)))
-    assert "the wall clock was set by +3.0" in found[0][1]
-    found = problems(stand.rows("clock", begun=(0, now)))
-    assert (WRONG, "the wall clock shows 1970, kept by systemd-timesyncd") in found
+    found = stand.problems("clock", begun=(time.time_ns() - 3_000_000_000, now))
+    assert re.search(r"\+3\.[0-9]", found[0][1])
+    found = stand.problems("clock", begun=(0, now))
+    assert [verdict for verdict, text in found if "1970" in text] == [WRONG]
 
 
-def test_the_worst_finding_is_the_status() -> None:
+def test_the_worst_finding_is_the_status(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert verdict_of([]) is Verdict.RIGHT
-    status, found = command([], [], ROS_DOMAIN_ID="999")
-    assert status == 2
-    assert "999" in found["middleware"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", "999")
+    assert main(["doctor", "--json"]) == 2
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    assert [one["found"] for one in checks if one["check"] == "middleware" and "999" in one["found"]]

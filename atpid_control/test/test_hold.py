@@ -1,77 +1,91 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dead band and hold: what moves the ceiling and, above all, what does not."""
+"""The dead band and hold, the comparison with the model, and the loop check: what moves the ceiling, what does not."""
 
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.controller import ProfileController, SelectingController
-from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import Hold, HoldError, HoldSettings
-from atpid_control.loop.protocol import Controller, ControlSettings, LoopAnswer
+from atpid_control.loop.drift import DriftAlarm, DriftSettings, ModelCheck
+from atpid_control.loop.hold import OFF_RESONANCE, Hold, HoldDecision, HoldError, HoldSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.selection.protocol import Excitation, Selection, SelectionError
+from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 
 SETTINGS: dict[str, Any] = {
-    "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
-    "frequency": 5.49, "frequency_tolerance": 0.05,
-}  # fmt: skip
+    "dead_band": 0.01,
+    "sigmas": 4.0,
+    "steady_count": 4,
+    "rising_count": 4,
+    "falling_count": 2,
+    "frequency": 5.49,
+    "frequency_tolerance": 0.05,
+}
+#: Of a method that selects at any frequency.
+ANYWHERE: dict[str, Any] = {"reach": (2.7, 11.0), "frequency_band": 0.0025}
+INSIDE = "inside dead band"
 
 
 def hold(**changes: Any) -> Hold:
     return Hold(HoldSettings(**(SETTINGS | changes)))
 
 
-def steady(amplitude: float, std: float = 1e-6, frequency: float = 5.49) -> Estimate:
-    return Estimate(quality=Quality.STEADY, amplitude=amplitude, amplitude_std=std, frequency=frequency)
+def steady(amplitude: float, std: float = 1e-6, frequency: float = 5.49, **changes: Any) -> Estimate:
+    made = Estimate(quality=Quality.STEADY, amplitude=amplitude, amplitude_std=std, frequency=frequency)
+    return replace(made, **changes)
 
 
 def transient(amplitude: float) -> Estimate:
-    return Estimate(quality=Quality.TRANSIENT, amplitude=amplitude, amplitude_std=1e-4, frequency=5.49)
+    return steady(amplitude, 1e-4, quality=Quality.TRANSIENT)
+
+
+def decided(machine: Hold, estimates: Sequence[Estimate]) -> list[HoldDecision]:
+    """Return the verdicts to select, each acted on."""
+    acted = []
+    for verdict in map(machine.judge, estimates):
+        if verdict.select:
+            machine.acted(verdict.amplitude, verdict.frequency)
+            acted.append(verdict)
+    return acted
 
 
 def feed(machine: Hold, estimates: Sequence[Estimate]) -> list[float]:
     """Return the amplitudes acted on."""
-    acted = []
-    for estimate in estimates:
-        verdict = machine.judge(estimate)
-        if verdict.select:
-            machine.acted(verdict.amplitude)
-            acted.append(verdict.amplitude)
-    return acted
+    return [verdict.amplitude for verdict in decided(machine, estimates)]
 
 
-def test_acts_once_on_a_steady_excitation_and_not_before_it_is_sure() -> None:
-    machine = hold()
-    assert feed(machine, [steady(0.015)] * 3) == []
-    assert feed(machine, [steady(0.015)] * 100) == [0.015]
-    assert machine.judge(steady(0.015)).reason == "inside dead band"
+@pytest.fixture
+def machine() -> Hold:
+    """Return a hold that has acted on 0.015 m."""
+    made = hold()
+    assert feed(made, [steady(0.015)] * 3) == []  # not before it is sure
+    assert feed(made, [steady(0.015)] * 100) == [0.015]
+    assert made.judge(steady(0.015)).reason == INSIDE
+    return made
 
 
 def test_noise_moves_nothing_in_ten_minutes() -> None:
-    generator = np.random.default_rng(1)
-    amplitudes = 0.015 * (1.0 + 0.002 * generator.standard_normal(12_000))
-    machine = hold()
-    assert len(feed(machine, [steady(a, 0.002 * 0.015) for a in amplitudes])) == 1
+    amplitudes = 0.015 * (1.0 + 0.002 * np.random.default_rng(1).standard_normal(12_000))
+    assert len(feed(hold(), [steady(a, 0.002 * 0.015) for a in amplitudes])) == 1
 
 
-def test_a_change_must_stand_out_of_the_error_bar() -> None:
-    machine = hold()
-    feed(machine, [steady(0.015)] * 4)
+def test_a_change_must_stand_out_of_the_error_bar(machine: Hold) -> None:
     assert feed(machine, [steady(0.0155, std=2e-4)] * 50) == []
     assert feed(machine, [steady(0.0155, std=1e-5)] * 50) == [0.0155]
 
 
-def test_a_single_rising_transient_is_not_chased_but_a_ramp_is_followed() -> None:
-    machine = hold()
-    feed(machine, [steady(0.015)] * 4)
+def test_a_single_rising_transient_is_not_chased_but_ramps_are_followed(machine: Hold) -> None:
     assert feed(machine, [transient(0.03), transient(0.02), transient(0.028), transient(0.021)] * 5) == []
     assert feed(machine, [transient(0.016 + 0.001 * k) for k in range(8)])
+    falling = hold()
+    feed(falling, [steady(0.04)] * 4)
+    assert feed(falling, [transient(0.038), transient(0.036)]) == [0.036]
 
 
 def test_differences_of_rounding_are_no_ramp_and_no_change() -> None:
@@ -87,190 +101,182 @@ def test_the_ends_of_the_frequencies_belong_to_them_however_they_round() -> None
     for ends in ({"reach": (5.0, 6.0)}, {"frequency": 5.5, "frequency_tolerance": 0.5 / 5.5}):
         for frequency in (5.0 * (1.0 - 1e-15), 6.0 * (1.0 + 1e-15)):
             assert hold(**ends).reason_to_reject(steady(0.015, frequency=frequency)) == ""
-        assert hold(**ends).reason_to_reject(steady(0.015, frequency=4.99)) == "frequency off resonance"
-
-
-def test_a_falling_excitation_is_followed_at_once() -> None:
-    machine = hold()
-    feed(machine, [steady(0.04)] * 4)
-    assert feed(machine, [transient(0.038), transient(0.036)]) == [0.036]
+        assert hold(**ends).reason_to_reject(steady(0.015, frequency=4.99)) == OFF_RESONANCE
 
 
 @pytest.mark.parametrize(
-    ("estimate", "reason"),
+    ("changes", "word"),
     [
-        (Estimate(quality=Quality.NONE, amplitude=math.nan, amplitude_std=math.nan, frequency=math.nan), "no estimate"),
-        (Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49), "poor estimate"),
-        (
-            Estimate(quality=Quality.STEADY, amplitude=math.nan, amplitude_std=1e-6, frequency=5.49),
-            "estimate is not a number",
-        ),
-        (
-            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=math.inf, frequency=5.49),
-            "estimate is not a number",
-        ),
-        (
-            Estimate(quality=Quality.STEADY, amplitude=-0.015, amplitude_std=1e-6, frequency=5.49),
-            "amplitude is not positive",
-        ),
-        (
-            Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-6, frequency=6.0),
-            "frequency off resonance",
-        ),
+        ({"quality": Quality.NONE, "amplitude": math.nan}, "no"),
+        ({"quality": Quality.POOR, "amplitude_std": 1e-3}, "poor"),
+        ({"amplitude": math.nan}, "number"),
+        ({"amplitude_std": math.inf}, "number"),
+        ({"frequency": math.nan}, "number"),
+        ({"amplitude": -0.015}, "positive"),
+        ({"amplitude": 0.03, "frequency": 6.0}, "resonance"),
     ],
 )
-def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate: Estimate, reason: str) -> None:
-    machine = hold()
-    feed(machine, [steady(0.015)] * 4)
-    verdict = machine.judge(estimate)
-    assert (verdict.select, verdict.reason) == (False, reason)
+def test_an_estimate_that_cannot_be_trusted_moves_nothing(machine: Hold, changes: dict[str, Any], word: str) -> None:
+    verdict = machine.judge(replace(steady(0.015), **changes))
+    assert (verdict.select, word in verdict.reason.split()) == (False, True)
     assert machine.acted_amplitude == 0.015
 
 
 def test_trouble_interrupts_what_was_nearly_sure() -> None:
     machine = hold()
     feed(machine, [steady(0.015)] * 3)
-    machine.judge(Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49))
+    machine.judge(steady(0.015, 1e-3, quality=Quality.POOR))
     assert feed(machine, [steady(0.015)] * 3) == []
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"dead_band": -0.1}, {"dead_band": math.nan}, {"steady_count": 0}, {"rising_count": 1}, {"frequency": math.nan}],
-)
-def test_contradictory_settings_are_refused_in_one_line(changes: dict[str, float]) -> None:
-    with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        hold(**changes)
+def test_contradictory_settings_are_refused_in_one_line() -> None:
+    bad = {"dead_band": (-0.1, math.nan), "steady_count": (0,), "rising_count": (1,), "frequency": (math.nan,)}
+    for name, values in bad.items():
+        for value in values:
+            with pytest.raises(HoldError, match=rf"^{name}: given {value}; allowed: [^\n]*$"):
+                hold(**{name: value})
+    for share, count in ((0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)):
+        with pytest.raises(HoldError, match=r"given .*; allowed: "):
+            StepBack(share, 0, count, 0.15, 0.05)
 
 
-class Linear:
-    """Height 19 times the amplitude, up to 0.05 m."""
+# at any frequency
 
-    method, simulates = "lookup", False
 
-    def __init__(self) -> None:
-        self.asked = 0
+def test_off_resonance_is_refused_only_where_the_method_does_not_reach() -> None:
+    assert hold().judge(steady(0.015, frequency=6.5)).refused
+    assert not hold(**ANYWHERE).judge(steady(0.015, frequency=6.5)).refused
+    assert hold(**ANYWHERE).judge(steady(0.015, frequency=12.0)).refused
 
-    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
-        del margin, height
-        amplitude = excitation.amplitude
+
+def test_another_frequency_is_selected_for_though_the_amplitude_is_the_same() -> None:
+    machine = hold(**ANYWHERE)
+    for frequency, expected in ((5.49, True), (5.50, False), (5.55, True), (5.54, False), (5.30, True)):
+        chosen = decided(machine, [steady(0.015, frequency=frequency)] * 6)
+        assert [verdict.frequency for verdict in chosen] == [frequency] * expected
+
+
+def test_a_drifting_frequency_is_followed_in_steps_of_its_band() -> None:
+    drifting = [steady(0.015, frequency=5.3 * (1.0 + 0.0005 * k)) for k in range(200)]  # 10 s at 1 % a second
+    frequencies = [verdict.frequency for verdict in decided(hold(**ANYWHERE), drifting)]
+    steps = np.diff(frequencies) / frequencies[:-1]
+    assert 20 <= len(frequencies) <= 42
+    assert steps.min() > 0.0025 * 0.99
+    assert steps.max() < 0.006
+
+
+def test_a_frequency_without_a_height_is_not_tried_again_nor_one_inside_its_noise() -> None:
+    machine = hold(**ANYWHERE)
+    verdict = [machine.judge(steady(0.015)) for _ in range(4)][-1]
+    machine.failed(verdict.amplitude, verdict.frequency)
+    assert decided(machine, [steady(0.015)] * 20) == []
+    assert decided(machine, [steady(0.015, frequency=5.6)] * 6)
+    noisy = steady(0.015, frequency=5.63, frequency_std=0.01)  # inside its noise
+    assert decided(machine, [noisy] * 20) == []
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.9])
+def test_a_height_that_comes_late_is_taken_for_a_frequency_that_drifts(seconds: float) -> None:
+    machine = hold(**ANYWHERE)
+    assert machine.agrees(0.015, steady(0.015, frequency=5.49 * (1.0 + 0.01 * seconds)), 5.49)
+    assert not machine.agrees(0.015, steady(0.015, frequency=5.6), 5.49)
+
+
+# predicted against measured
+
+
+class Twin:
+    """Expects the same everywhere."""
+
+    def __init__(self, amplitude: float = 0.1) -> None:
+        self.amplitude, self.asked = amplitude, 0
+
+    def expected(self, amplitude: float, frequency: float, height: float) -> float:
         self.asked += 1
-        if amplitude > 0.05:
-            raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")
-        return Selection(19.0 * amplitude, 5.0 * amplitude, 0.8, "lookup")
+        return self.amplitude
 
 
-def controller(limits: tuple[float, float] = (0.017, 1.0), settle: int = 0) -> tuple[SelectingController, Linear]:
-    selector = Linear()
-    step_back, drift = StepBack(0.1, settle, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4)
-    control = ControlSettings(HoldSettings(**SETTINGS), step_back, drift, 0.0)
-    return SelectingController(control, selector, limits), selector
+class Check:
+    """The beam compared with a twin, one estimate each 50 ms."""
+
+    def __init__(self, expected: float = 0.1) -> None:
+        self.twin, self.time = Twin(expected), 0.0
+        self.check = ModelCheck(self.twin, DriftAlarm(DriftSettings(tolerance=0.15, noise=0.02, periods=1e4)))
+
+    def said(self, swings: Sequence[float] | NDArray[np.float64]) -> list[str]:
+        texts = []
+        for swing in swings:
+            texts.append(self.check.check(self.time, (0.015, 5.0), 0.3, float(swing)))
+            self.time += 0.05
+        return [text for text in texts if text]
 
 
-def answers(machine: Controller, estimates: Sequence[Estimate]) -> list[LoopAnswer]:
-    return [machine.answer(0.05 * k, estimate, 0.3) for k, estimate in enumerate(estimates)]
+@pytest.mark.parametrize("swing", [0.14, 0.07])
+def test_drift_is_reported_once_with_both_amplitudes_by_one_simulation_a_period(swing: float) -> None:
+    reality = Check()
+    (text,) = reality.said([swing] * 2000)
+    assert re.findall(r"[\d.]+", text) == [f"{abs(swing / 0.1 - 1.0):.0%}"[:-1], f"{swing:.4f}", "0.1000"]
+    reality = Check()
+    reality.said([0.1] * 400)  # 20 s at 5 Hz
+    assert 80 <= reality.twin.asked <= 100
 
 
-def test_each_estimate_is_answered_and_the_height_repeated() -> None:
-    machine, selector = controller()
-    commands = [answer.command for answer in answers(machine, [steady(0.015)] * 10)]
-    assert len(commands) == 10
-    assert all(math.isnan(command.height) for command in commands[:3])
-    assert {command.height for command in commands[3:]} == {19.0 * 0.015}
-    assert [command.sequence for command in commands] == [0] * 3 + [1] * 7
-    assert selector.asked == 1
+def test_what_is_unknown_or_the_model_is_allowed_to_be_off_is_no_drift() -> None:
+    assert Check().said(0.112 * (1.0 + 0.02 * np.random.default_rng(1).standard_normal(12_000))) == []  # ten minutes
+    assert Check(math.nan).said([0.2] * 1000) == Check(0.1).said([math.nan] * 1000) == []
 
 
-def test_an_excitation_out_of_the_map_is_refused_and_selected_for_once() -> None:
-    machine, selector = controller()
-    answers(machine, [steady(0.015)] * 4)
-    given = answers(machine, [steady(0.08)] * 20)
-    assert [answer.text for answer in given if answer.kind] == [
-        "the ceiling stays: amplitude: given 0.08 m; allowed: up to 0.05 m"
-    ]
-    assert {answer.command.height for answer in given} == {19.0 * 0.015}
-    assert selector.asked == 2
+def test_a_reported_drift_is_latched_until_there_is_agreement() -> None:
+    reality, heard = Check(), []
+    for swing in (0.14, 0.14, 0.1, 0.14):
+        heard.append(len(reality.said([swing] * 500)))
+        reality.check.restart()
+    assert heard == [1, 0, 0, 1]
 
 
-def test_a_refusal_is_reported_again_after_a_good_estimate() -> None:
-    machine, _ = controller()
-    poor = Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49)
-    said = [answer.kind == "refused" for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
-    assert said == [True, False, False, True, False]
+# the loop check
+
+CEILING = Ceiling(0.017, 1.0, 0.3)
 
 
-def test_heights_stay_in_the_ceilings_range() -> None:
-    machine, _ = controller(limits=(0.017, 0.2))
-    command = answers(machine, [steady(0.015)] * 4)[-1].command
-    assert command.height == 0.2
-    assert "range" in command.reason
-    assert math.isnan(command.predicted_amplitude)
+def sensors(**channels: float) -> LatestBlocks:
+    """The channels, each with this share of valid readings in a block at 10 s."""
+    made = LatestBlocks()
+    for name, valid in channels.items():
+        values = np.zeros(100)
+        values[round(100 * valid) :] = math.nan
+        made.push(name, values, 10.0)
+    return made
 
 
-def stepped(
-    machine: Controller, count: int, height: float, swing: Callable[[int], float] = lambda _: 0.12
-) -> list[float]:
-    """Return the heights after each of `count` steady estimates with the ceiling at `height`, the beam at swing(k)."""
-    estimates = [
-        Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=swing(k))
-        for k in range(count)
-    ]
-    return [machine.answer(1.0, estimate, height).command.height for estimate in estimates]
+RIGHT = LoopSnapshot(
+    now=10.05, sensors=sensors(support=1.0, beam=0.9), scene=CEILING, motor=CEILING, recording=True, written=5
+)
 
 
-def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts() -> None:
-    machine, _ = controller()
-    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.on_event("rumble")
-    assert stepped(machine, 10, height=0.1) == [high] * 10  # on its way
-    lower = high - 0.1 * (high - 0.017)
-    assert stepped(machine, 3, height=high) == pytest.approx([high, high, lower])
-    assert stepped(machine, 3, height=lower)[-1] == pytest.approx(lower - 0.1 * (lower - 0.017))
-    machine.on_event("calm")
-    stays = machine.answer(1.0, steady(0.015), lower).command.height
-    assert stepped(machine, 10, height=stays) == [stays] * 10
+def test_a_loop_in_order_passes_and_all_that_fails_is_named_at_once() -> None:
+    assert failures(RIGHT) == []
+    assert failures(replace(RIGHT, scene=None, motor=None)) == [], "a ceiling that no controller moves"
+    assert failures(replace(RIGHT, recorder_expected=False, recording=False)) == []
+    assert failures(replace(RIGHT, motor=Ceiling(0.01, 1.2, 0.3))) == [], "a motor that can do more"
+    assert len(failures(LoopSnapshot(now=0.0, sensors=LatestBlocks(), scene=CEILING, errors={"beam": "dead"}))) == 4
 
 
-@pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
-def test_a_decaying_or_predicted_amplitude_moves_nothing(swing: Callable[[int], float]) -> None:
-    machine, _ = controller()
-    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    stepped(machine, 8, high, swing)
-    machine.on_event("rumble")
-    assert stepped(machine, 30, high, lambda k: swing(k + 8)) == [high] * 30
-
-
-def test_the_beam_may_settle_before_it_counts() -> None:
-    machine, _ = controller(settle=5)
-    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.on_event("rumble")
-    assert stepped(machine, 8, high)[-2] == high
-    assert stepped(machine, 1, high)[-1] < high
-
-
-def test_a_step_back_is_reported_with_the_new_height() -> None:
-    machine, _ = controller()
-    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.on_event("rumble")
-    said = [
-        machine.answer(
-            1.0,
-            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.12),
-            high,
-        )
-        for _ in range(3)
-    ][-1]
-    assert (said.kind, said.value) == ("step_back", said.command.height)
-    assert said.command.sequence == 2
-
-
-@pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
-def test_a_step_back_that_cannot_be_is_refused(share: float, count: int) -> None:
-    with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        StepBack(share, 0, count, 0.15, 0.05)
-
-
-def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone() -> None:
-    machine = ProfileController(((6.0, 0.017), (7.0, 0.2)))
-    heights = [machine.answer(t, steady(0.01), math.nan).command.height for t in (0.0, 6.5, 9.0)]
-    assert heights == pytest.approx([0.017, 0.1085, 0.2])
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"sensors": LatestBlocks()}, "^sensors: "),
+        ({"sensors": sensors(support=1.0, beam=0.4)}, r"^beam: 40\s?%"),
+        ({"now": 12.0, "sensors": sensors(beam=1.0)}, r"^beam: .*2\.0 s"),
+        ({"errors": {"beam": "frozen at 3.1 V"}}, r"^beam: frozen at 3\.1 V"),
+        ({"motor": None}, "^motor_node: .*limits"),
+        ({"motor": Ceiling(0.02, 1.0, 0.3)}, r"0\.017 to 1 m, .* 0\.02 to 1 m"),
+        ({"motor": Ceiling(0.017, 0.9, 0.3)}, r"0\.017 to 1 m, .* 0\.017 to 0\.9 m"),
+        ({"motor": Ceiling(0.017, 1.0, 0.2)}, r"0\.3 m/s, .* 0\.2 m/s"),
+        ({"recording": False}, "^recorder_node: .*open"),
+        ({"written": 0}, "^recorder_node: .*written"),
+    ],
+)
+def test_what_fails_is_named(change: dict[str, object], line: str) -> None:
+    (found,) = failures(replace(RIGHT, **change))  # type: ignore[arg-type]
+    assert re.search(line, found)

@@ -3,7 +3,6 @@
 """Modes from dimensions and from universal files: closed forms, the thesis's beam, a round trip, what is refused."""
 
 import functools
-import json
 import math
 import re
 from pathlib import Path
@@ -13,11 +12,11 @@ import numpy as np
 import pytest
 import pyuff
 import yaml
+from commands_run import answered, printed, refusal
 
 from atpid_control.analysis.modes import cantilever
 from atpid_control.analysis.modes.cantilever import Cantilever
 from atpid_control.analysis.modes.structure import Structure, choose
-from atpid_control.cli import main
 from atpid_sim.scene import load_scene, standard_bench
 
 #: Steel, bare, slender.
@@ -25,10 +24,12 @@ BARE = Cantilever(1.0, 500.0, 2.34)
 #: Table 2.1, clamped over 0.4 m, bent as 427.6 N/m at the tip are, with a container of 0.25 kg.
 THESIS = Cantilever(0.4, 427.6 * 0.4**3 / 3.0, 0.35 * 0.4 / 0.45, 0.25)
 NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?")
-LINE = (
+SHOWN = (
     "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
     "--damping-ratio 0.024 --modes 3"
 )
+LINE = SHOWN.split()
+Capture = pytest.CaptureFixture[str]
 
 
 def test_a_bare_cantilever_is_that_of_the_books() -> None:
@@ -125,74 +126,57 @@ def test_what_is_left_out_is_stated() -> None:
     assert THESIS.tip_mass < choose(structure, 20, [0.01], forced=False)["impulse_mass"] < chosen["impulse_mass"]
 
 
-def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "beam.yaml"
-    assert main([*LINE.split(), "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
-    assert out.read_text() == printed
-    blocks = yaml.safe_load(printed)
+    shown = printed(capsys, *LINE, "--out", out)
+    assert out.read_text() == shown
+    blocks = yaml.safe_load(shown)
     assert blocks["beam"] == pytest.approx({"mass": 0.3243, "frequency": 5.783, "damping_ratio": 0.024}, rel=1e-3)
     assert [one["drive_factor"] for one in blocks["further_modes"]] == pytest.approx([-0.1768, 0.0427], rel=2e-3)
-    assert "modes left out have -0.02 of the base's motion, added to the last mode" in printed
-    assert "next mode: 359.08 Hz" in printed
+    assert {"-0.02", "359.08"} <= set(NUMBER.findall(shown))  # of the base's motion left out; Hz of the next mode
     page = (Path(__file__).parents[2] / "docs/modes.md").read_text()
-    assert f"atpid {LINE}\n" in page
-    shown = page.partition("```yaml\n")[2].partition("```")[0]
-    assert shown.count("\n") == printed.count("\n")
-    assert [*map(float, NUMBER.findall(shown))] == pytest.approx([*map(float, NUMBER.findall(printed))], rel=1e-3)
-    assert main([*LINE.split(), "--json"]) == 0
-    numbers = json.loads(capsys.readouterr().out)
-    assert numbers["blocks"] == blocks
-    assert numbers["modes"][0]["stiffness"] == pytest.approx(428.2, rel=1e-3)
+    assert f"atpid {SHOWN}\n" in page
+    documented = page.partition("```yaml\n")[2].partition("```")[0]
+    numbers = [[*map(float, NUMBER.findall(text))] for text in (documented, shown)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-3)
+    found = answered(capsys, *LINE)
+    assert found["blocks"] == blocks
+    assert found["modes"][0]["stiffness"] == pytest.approx(428.2, rel=1e-3)
+    driven = printed(capsys, *LINE, "--force-at", "0.3")
+    assert yaml.safe_load(driven)["drive"] == "force"
+    assert re.search(r"\bF\b.* 0\.63", driven)
 
 
-def test_a_force_is_what_drives_the_scene(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*LINE.split(), "--force-at", "0.3"]) == 0
-    printed = capsys.readouterr().out
-    assert yaml.safe_load(printed)["drive"] == "force"
-    assert "a force of amplitude F is 0.63" in printed
-
-
-def test_a_material_has_its_modulus_and_density(capsys: pytest.CaptureFixture[str]) -> None:
-    line = "modes cantilever --length 1 --width 0.03 --thickness 0.01 --tip-mass 0 --damping-ratio 0.01 --modes 1"
-    assert main(f"{line} --material steel".split()) == 0
-    named = capsys.readouterr().out
-    assert main(f"{line} --modulus 2.07e11 --density 7850".split()) == 0
-    assert capsys.readouterr().out == named
-    assert main(f"{line} --material steel --density 7850".split()) == 2
-    assert "allowed: --material, or --modulus and --density" in capsys.readouterr().err
+def test_a_material_has_its_modulus_and_density(capsys: Capture) -> None:
+    line = [word for word in LINE if word not in ("--modulus", "5.345e9", "--density", "2431")]
+    steel = ["--material", "steel"]
+    assert printed(capsys, *line, *steel) == printed(capsys, *line, "--modulus", "2.07e11", "--density", "7850")
+    assert "--material, " in refusal(capsys, *line, *steel, "--density", "7850")
 
 
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("--damping-ratio 0.1 0.2", "--damping-ratio: given 2; allowed: one for all, or 3, one a mode"),
-        ("--force-at 0.5", "--force-at: given 0.5 m; allowed: above 0 to the beam's length, 0.4 m"),
-        ("--force-at 1e-4", "--force-at: the mode at 5.783 Hz is at rest there"),
-        ("--tip-mass 1e6", "--modes: given 3; allowed: at most 1, as many as move the container"),
+        ("--damping-ratio 0.1 0.2", r"--damping-ratio: .*\b2; .*\b3\b"),
+        ("--force-at 0.5", r"--force-at: .*0\.5 m; .*0\.4 m"),
+        ("--force-at 1e-4", r"--force-at: .*5\.783 Hz"),
+        ("--tip-mass 1e6", r"--modes: .*\b3; .*\b1\b"),
     ],
 )
-def test_dimensions_that_give_no_modes_are_one_line(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*LINE.split(), *words.split()]) == 2
-    error = capsys.readouterr().err
-    assert line in error
-    assert error.count("\n") == 1
+def test_dimensions_that_give_no_modes_are_one_line(words: str, line: str, capsys: Capture) -> None:
+    assert re.search(line, refusal(capsys, *LINE, *words.split()))
 
 
 @pytest.mark.parametrize(("words", "drive"), [("", "support"), ("--force-at 0.4", "force")])
-def test_a_scene_gets_the_modes_and_keeps_its_grain(
-    words: str, drive: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_gets_the_modes_and_keeps_its_grain(words: str, drive: str, tmp_path: Path, capsys: Capture) -> None:
     old = standard_bench(further_modes=[{"mass": 1.0, "frequency": 40.0, "damping_ratio": 0.1}], drive="force")
     (tmp_path / "old.yaml").write_text(old.to_yaml())
-    files = f"--scene {tmp_path / 'old.yaml'} --out {tmp_path / 'new.yaml'}"
-    assert main(f"{LINE} {words} {files}".split()) == 0
+    printed(capsys, *LINE, *words.split(), "--scene", tmp_path / "old.yaml", "--out", tmp_path / "new.yaml")
     new = load_scene(tmp_path / "new.yaml")
     assert new.grain_mass == pytest.approx(old.grain_mass)
     assert new.beam.mass == pytest.approx(0.3243, rel=1e-3)
     assert [round(mode.mass, 2) for mode in new.further_modes] == [2.39, 6.15]
     assert (new.drive, new.ceiling) == (drive, old.ceiling)
-    assert "next mode" in capsys.readouterr().out
 
 
 @functools.cache
@@ -222,19 +206,17 @@ def written(path: Path, count: int = 6, scale: float = 1.0, **changes: Any) -> P
             root = complex(-ratio * omega, damped)
             a = 2j * damped * scale**2 * np.mean(changes["turn"]) ** 2
             one |= {"analysis_type": 3, "data_type": 5, "eig": root, "modal_a": a, "modal_b": -root * a}
-        pyuff.UFF(str(path))._write_set(one | changes.get("fields", {}), "add")
+        pyuff.UFF(str(path)).write_sets(one | changes.get("fields", {}), "add")
     return path
 
 
-def of_file(path: Path, words: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    assert main(["modes", "file", str(path), *words.split(), "--json"]) == 0
-    numbers: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return numbers
+def of_file(path: Path, words: str, capsys: Capture) -> dict[str, Any]:
+    return answered(capsys, "modes", "file", path, *words.split())
 
 
 @pytest.mark.parametrize("changes", [{}, {"scale": 40.0}, {"turn": np.exp(0.7j)}, {"turn": np.exp(-2j), "scale": 0.1}])
 def test_a_universal_file_gives_the_modes_it_was_written_from(
-    changes: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    changes: dict[str, Any], tmp_path: Path, capsys: Capture
 ) -> None:
     numbers = of_file(written(tmp_path / "m.unv", **changes), "--container 20:z --modes 3", capsys)
     modes = cantilever.modes_of(THESIS, 6).modes
@@ -249,21 +231,17 @@ def test_a_universal_file_gives_the_modes_it_was_written_from(
     assert float(note.split(": ")[1].split()[0]) == pytest.approx(0.56, rel=0.04)
 
 
-def test_a_force_in_a_file_is_that_of_the_dimensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    numbers = of_file(written(tmp_path / "m.unv"), "--container 20:z --force-at 15:-z --modes 3", capsys)
-    modes = cantilever.modes_of(THESIS, 3, 0.3).modes
-    assert [one["force"] for one in numbers["modes"]] == pytest.approx([-mode.force for mode in modes[:3]], rel=1e-4)
-    assert numbers["amplitude_factor"] == pytest.approx(-modes[0].force, rel=1e-4)
-    assert numbers["blocks"]["drive"] == "force"
-
-
-def test_units_of_a_file_are_heeded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In mm and N masses are tonnes: a file of the same numbers has masses a thousand times as large."""
-    plain = of_file(written(tmp_path / "si.unv"), "--container 20:z", capsys)
-    path = written(tmp_path / "mm.unv")
+def test_a_force_in_a_file_is_that_of_the_dimensions_and_its_units_are_heeded(tmp_path: Path, capsys: Capture) -> None:
+    path, modes = written(tmp_path / "m.unv"), cantilever.modes_of(THESIS, 3, 0.3).modes
+    forced = of_file(path, "--container 20:z --force-at 15:-z --modes 3", capsys)
+    assert [one["force"] for one in forced["modes"]] == pytest.approx([-mode.force for mode in modes[:3]], rel=1e-4)
+    assert forced["amplitude_factor"] == pytest.approx(-modes[0].force, rel=1e-4)
+    assert forced["blocks"]["drive"] == "force"
+    plain = of_file(path, "--container 20:z --modes 3", capsys)
+    # in mm and N masses are tonnes: a file of the same numbers has masses a thousand times as large
     units = {"type": 164, "units_code": 9, "units_description": "mm N", "temp_mode": 1, "length": 1e3, "force": 1.0}
-    pyuff.UFF(str(path))._write_set(units | {"temp": 1.0, "temp_offset": 273.15}, "add")
-    scaled = of_file(path, "--container 20:z", capsys)
+    pyuff.UFF(str(path)).write_sets(units | {"temp": 1.0, "temp_offset": 273.15}, "add")
+    scaled = of_file(path, "--container 20:z --modes 3", capsys)
     for one, other in zip(scaled["modes"], plain["modes"], strict=True):
         assert one["mass"] == pytest.approx(1e3 * other["mass"])
         assert one["base"] == pytest.approx(other["base"], rel=1e-6)
@@ -272,39 +250,31 @@ def test_units_of_a_file_are_heeded(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("changes", "words", "line"),
     [
-        ({"fields": {"modal_m": 0.0}}, "--container 20:z", "mode 1: 5.78347 Hz, modal mass 0 kg, "),
-        ({"fields": {"freq": 0.0}}, "--container 20:z", "mode 1: 0 Hz, modal mass 1 kg, "),
-        ({"fields": {"freq": math.nan}}, "--container 20:z", "mode 1: nan Hz, "),
-        ({"scale": 1e-90}, "--container 20:z", "allowed: all finite, the first three above 0"),
-        ({"fields": {"r3": np.full(20, 1e300)}}, "--container 20:z", "its numbers are no modes (overflow"),
-        ({"turn": 1.0, "fields": {"eig": 1e308 + 1.7e308j}}, "--container 20:z", "its numbers are no modes ("),
-        ({"fields": {"modal_damp_vis": 0.0}}, "--container 20:z", "no damping is known of the mode at 5.783 Hz"),
-        ({"turn": 1.0, "fields": {"modal_a": 3.0}}, "--container 20:z", "mode 1: complex, 100 % of it out of phase"),
-        ({"turn": np.exp(1j * np.linspace(0, 1, 20))}, "--container 20:z", "out of phase; allowed: at most 10 %"),
-        ({"fields": {"analysis_type": 5, "freq_step_n": 1}}, "--container 20:z", "6 data sets 55, none of them a mode"),
-        ({}, "--container 20:x", "all its modes are at rest at the container"),
-        ({}, "--container 21:z", "given node 21; allowed: one of the file's 20: 1, 2, 3, 4, 5, ..."),
-        ({}, "--container 20:z --modes 7", "--modes: given 7; allowed: at most 6"),
-        ({}, "--container 20:z --force-at 3:x", "--force-at: the mode at 5.783 Hz is at rest there"),
-        ({"count": 2, "fields": {"node_nums": np.zeros(20, int)}}, "--container 1:z", "given node 1"),
+        ({"fields": {"modal_m": 0.0}}, "20:z", "mode 1: 5.78347 Hz, .* 0 kg"),
+        ({"fields": {"freq": 0.0}}, "20:z", "mode 1: 0 Hz, .* 1 kg"),
+        ({"fields": {"freq": math.nan}}, "20:z", "mode 1: nan Hz"),
+        ({"scale": 1e-90}, "20:z", "finite"),
+        ({"fields": {"r3": np.full(20, 1e300)}}, "20:z", "overflow"),
+        ({"turn": 1.0, "fields": {"eig": 1e308 + 1.7e308j}}, "20:z", "numbers"),
+        ({"fields": {"modal_damp_vis": 0.0}}, "20:z", "damping .*5.783 Hz"),
+        ({"turn": 1.0, "fields": {"modal_a": 3.0}}, "20:z", "mode 1: .*100 %.* 10 %"),
+        ({"turn": np.exp(1j * np.linspace(0, 1, 20))}, "20:z", "mode .* 10 %"),
+        ({"fields": {"analysis_type": 5, "freq_step_n": 1}}, "20:z", r"\b6 .*\b55, none"),
+        ({}, "20:x", "container"),
+        ({}, "21:z", r"node 21; .*\b20: 1, 2, 3, 4, 5, \.\.\."),
+        ({}, "20:z --modes 7", r"--modes: .*\b7; .*\b6\b"),
+        ({}, "20:z --force-at 3:x", "--force-at: .*5.783 Hz"),
+        ({"count": 2, "fields": {"node_nums": np.zeros(20, int)}}, "1:z", "node 1"),
     ],
-)  # fmt: skip
+)
 def test_what_a_scene_cannot_have_is_refused_in_one_line(
-    changes: dict[str, Any], words: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    changes: dict[str, Any], words: str, line: str, tmp_path: Path, capsys: Capture
 ) -> None:
     path = written(tmp_path / "m.unv", **changes)
-    assert main(["modes", "file", str(path), *words.split()]) == 2
-    error = capsys.readouterr().err
-    assert line in error
-    assert error.count("\n") == 1
+    assert re.search(line, refusal(capsys, "modes", "file", path, "--container", *words.split()))
 
 
 @pytest.mark.parametrize("content", [b"", b"text", bytes(range(256)) * 40, b"    -1\n    55\nx\n    -1\n"])
-def test_what_is_no_universal_file_is_one_line(
-    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_universal_file_is_one_line(content: bytes, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "m.unv").write_bytes(content)
-    assert main(["modes", "file", str(tmp_path / "m.unv"), "--container", "1:z"]) == 2
-    error = capsys.readouterr().err
-    assert "data sets 55" in error
-    assert error.count("\n") == 1
+    assert re.search(r"\b55\b", refusal(capsys, "modes", "file", tmp_path / "m.unv", "--container", "1:z"))

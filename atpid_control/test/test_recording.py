@@ -1,86 +1,91 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag must hold for `ros2 bag` to open it, and what is left of one after a crash."""
+"""What a bag must hold for `ros2 bag` and public libraries to open it, and what is left of one after a crash."""
 
 import errno
 import os
 import subprocess
 import sys
 import tracemalloc
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from bag_files import BAG
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from recorded import SHORT, block, make, record
+from recorded import EVENTS, LASER, begin_bag, block, in_one_line, make, record, refused, short, write_bag
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
 from atpid_control.cli import main
 from atpid_control.recording.order import StampOrder
-from atpid_control.recording.session import Continuity
 from atpid_control.runs.cdr import block_shape, event, stamp, truth_shape
 from atpid_control.runs.decode import is_handshake
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run
+from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import repair
 from atpid_control.runs.topics import DEFAULT, parse
 from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import BagWriter, Sink
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
+BLOCKS = 40
+
+
+def blocks_of_noise(count: int = BLOCKS) -> list[tuple[str, bytes]]:
+    noise = np.random.default_rng(1)
+    return [(LASER, block(50 * number, noise.normal(size=(50, 2)))) for number in range(count)]
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded")
-    scene = folder / "short.yaml"
-    scene.write_text(SHORT.replace("duration:   8.0", "duration:   2.0").replace("[7.0, 8.0]", "[1.0, 2.0]"))
-    return record(folder / "run", scene, [(0.8, 0.2, 0.01)])
+    return record(folder / "run", short(folder, 2.0), [(0.8, 0.2, 0.01)])
 
 
-def small_bag(folder: Path, blocks: int = 40) -> BagWriter:
-    writer = BagWriter(folder, new_run(run_id="small", commit="none"))
-    writer.add_topic("/sensors/laser", BLOCK)
-    for number in range(blocks):
-        data = np.random.default_rng(number).normal(size=(50, 2))
-        writer.write("/sensors/laser", block(50 * number, data), 50_000_000 * number, 50_000_000 * number)
-    return writer
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Return the file of a whole bag of noise."""
+    return write_bag(tmp_path / "run", blocks_of_noise()) / "run_0.mcap"
+
+
+def information_of(bag: Path) -> Any:
+    return yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
 
 
 def test_metadata_yaml_holds_all_that_rosbag2_asks_for(bag: Path) -> None:
-    information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert list(information) == [
-        "version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count",
-        "compression_format", "compression_mode", "relative_file_paths", "files", "custom_data", "ros_distro",
-    ]  # fmt: skip
-    assert information["version"] == 9
-    assert information["storage_identifier"] == "mcap"
-    assert information["compression_format"] == information["compression_mode"] == ""
-    assert information["relative_file_paths"] == ["run_0.mcap"]
-    assert (bag / "run_0.mcap").is_file()
-    assert information["custom_data"]["run_id"] == "specimen"
-    (file,) = information["files"]
-    assert file == {
-        "path": "run_0.mcap",
-        "starting_time": information["starting_time"],
-        "duration": information["duration"],
-        "message_count": information["message_count"],
+    information = information_of(bag)
+    topics = information.pop("topics_with_message_count")
+    custom = information.pop("custom_data")
+    counts = {name: information[name] for name in ("starting_time", "duration", "message_count")}
+    assert information == counts | {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": ["run_0.mcap"],
+        "files": [{"path": "run_0.mcap", **counts}],
+        "ros_distro": information["ros_distro"],
     }
-    assert information["message_count"] == sum(t["message_count"] for t in information["topics_with_message_count"])
-    for entry in information["topics_with_message_count"]:
+    assert (bag / "run_0.mcap").is_file()
+    assert custom["run_id"] == "specimen"
+    assert counts["message_count"] == sum(entry["message_count"] for entry in topics)
+    for entry in topics:
         topic = entry["topic_metadata"]
         assert set(topic) == {"name", "type", "serialization_format", "offered_qos_profiles", "type_description_hash"}
         assert topic["serialization_format"] == "cdr"
         assert topic["type_description_hash"].startswith("RIHS01_")
         (profile,) = topic["offered_qos_profiles"]
         assert profile["deadline"] == profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
-        assert profile["reliability"] == "reliable"
-        assert profile["history"] == "keep_last"
+        assert (profile["reliability"], profile["history"]) == ("reliable", "keep_last")
 
 
 def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
@@ -92,8 +97,7 @@ def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
         assert summary.statistics is not None
         for channel in summary.channels.values():
             schema = summary.schemas[channel.schema_id]
-            assert channel.message_encoding == "cdr"
-            assert schema.encoding == "ros2msg"
+            assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
             assert isinstance(channel.metadata["offered_qos_profiles"], str)
             assert channel.metadata["topic_type_hash"] == message_type(schema.name).hash
         assert all(chunk.compression == "zstd" for chunk in summary.chunk_indexes)
@@ -107,7 +111,7 @@ def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
 
 def test_in_lockstep_log_times_are_stamps_in_order(bag: Path) -> None:
     with (bag / "run_0.mcap").open("rb") as stream:
-        messages = list(make_reader(stream).iter_messages(log_time_order=False))
+        messages = list(make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False))
     assert all(message.log_time == message.publish_time == stamp(message.data) for _, _, message in messages)
     assert all(a.log_time <= b.log_time for (_, _, a), (_, _, b) in pairwise(messages))
     for topic in {channel.topic for _, channel, _ in messages}:
@@ -125,11 +129,24 @@ def test_another_implementation_reads_it(bag: Path) -> None:
             assert connection.digest == message_type(connection.msgtype).hash
 
 
+def test_public_readers_open_the_bag_without_the_workspace() -> None:
+    """By the definitions inside it: mcap with mcap-ros2-support, which only this test needs, and rosbags."""
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is missing: make test-packages")
+    expected = [message.data[1::2].tolist() for _, message in open_bag(BAG).messages(LASER)]
+    with (BAG / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        decoded: list[Any] = [message for _, _, _, message in reader.iter_decoded_messages(topics=[LASER])]
+    with AnyReader([BAG]) as other:
+        chosen = [one for one in other.connections if one.topic == LASER]
+        others: list[Any] = [other.deserialize(data, one.msgtype) for one, _, data in other.messages(chosen)]
+    assert [list(block.data[1::2]) for block in decoded] == expected
+    assert [list(block.data[1::2]) for block in others] == expected
+
+
 def test_definition_names_every_type_inside() -> None:
     text = message_type(BLOCK).definition
     assert text.count("=" * 80) == 2
-    assert "MSG: std_msgs/Header" in text
-    assert "MSG: builtin_interfaces/Time" in text
+    assert {"MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"} <= set(text.splitlines())
     assert message_type("atpid_interfaces/msg/Event").has_header  # its constants come before its header
     assert not message_type("rosgraph_msgs/msg/Clock").has_header
 
@@ -138,24 +155,20 @@ def test_definition_names_every_type_inside() -> None:
 def test_unknown_types_are_refused_in_one_line(name: str) -> None:
     with pytest.raises(TypeUnknownError) as caught:
         message_type(name)
-    assert name.split("/")[-1] in str(caught.value)
-    assert "\n" not in str(caught.value)
+    in_one_line(caught.value, name.split("/")[-1])
 
 
 def test_fields_are_read_in_place_whatever_the_alignment() -> None:
     for frame_id in ("", "a", "ab", "abc", "abcd", "plant:laser"):
-        data = make("SampleBlock", 12_345_678_901, "a device", frame_id, first_index=7, rate=1000.0, dropped=3,
-                    channels=["a", "bcd"], units=["m", "m/s^2"], skew=np.zeros(2), data=np.arange(6.0))  # fmt: skip
+        units = {"channels": ["a", "bcd"], "units": ["m", "m/s^2"], "skew": np.zeros(2), "data": np.arange(6.0)}
+        data = make("SampleBlock", 12_345_678_901, "a device", frame_id, first_index=7, rate=1000.0, dropped=3, **units)
         assert stamp(data) == 12_345_678_901
         assert not is_handshake(data)
         assert is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
         assert block_shape(data) == (7, 1000.0, 3)
         assert event(make("Event", 1, "n", frame_id, kind="finished", text="x")) == ("finished", "n")
-        assert truth_shape(make("PlantTruth", 1, frame_id=frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
-            9,
-            10.0,
-            4,
-        )
+        truth = make("PlantTruth", 1, frame_id=frame_id, first_index=9, rate=10.0, support=np.zeros(4))
+        assert truth_shape(truth) == (9, 10.0, 4)
     assert block_shape(make("SampleBlock", handshake=True, channels=["a"])).scans == 0
 
 
@@ -174,12 +187,6 @@ def test_order_is_by_stamp_topic_sender_and_arrival() -> None:
     assert len(order) == 0
 
 
-def test_gaps_are_counted_by_index() -> None:
-    flow = Continuity()
-    assert [flow.add(block_shape(block(index, np.zeros((50, 2))))) for index in (0, 50, 150, 200)] == [0, 0, 50, 0]
-    assert (flow.scans, flow.lost) == (200, 50)
-
-
 def test_what_is_paced_by_the_clock_stays_out_of_a_lockstep_bag() -> None:
     left_out = {topic.name for topic in parse(DEFAULT, lockstep=False)} - {topic.name for topic in parse(DEFAULT, True)}
     transitions = {f"{node}/transition_event" for node in ("motor_node", "excitation_node", "labjack_node", "ni_node")}
@@ -194,28 +201,25 @@ def test_topics_are_checked(entry: str) -> None:
 
 def test_an_existing_folder_is_never_written_over(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    with pytest.raises(BagError, match="exists already"):
+    with pytest.raises(BagError, match=r"run: .*exists"):
         BagWriter(tmp_path / "run", new_run())
     (tmp_path / "file").write_text("")
-    with pytest.raises(BagError, match="not a folder one may write to"):
+    with pytest.raises(BagError, match=r"file/run: .*folder"):
         BagWriter(tmp_path / "file" / "run", new_run())
 
 
-def test_files_of_one_name_are_all_kept(tmp_path: Path) -> None:
+def test_files_of_one_name_are_all_kept_and_one_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     for folder, text in {"a": "left", "b": "right", "c": "left"}.items():
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "motor.yaml").write_text(text)
     run = new_run(tmp_path / "a" / "motor.yaml", [tmp_path / folder / "motor.yaml" for folder in "abc"])
     assert run.files == {"scene.yaml": b"left", "motor.yaml": b"left", "motor-2.yaml": b"right"}
-
-
-def test_configuration_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="cannot be read"):
+    with pytest.raises(BagError, match=r"missing\.yaml"):
         new_run(tmp_path / "missing.yaml")
 
 
 def test_a_full_disk_is_one_line_and_the_rest_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    writer = small_bag(tmp_path / "run")
+    writer = begin_bag(tmp_path / "run", blocks_of_noise())
     space = 5_000
     whole = Sink.write
 
@@ -227,37 +231,25 @@ def test_a_full_disk_is_one_line_and_the_rest_can_be_saved(tmp_path: Path, monke
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return len(data)
 
-    monkeypatch.setattr(Sink, "write", limited)
-
     def fill() -> None:
-        for number in range(40, 100):
-            writer.write("/sensors/laser", block(50 * number, np.zeros((50, 2))), number, number)
+        for number in range(BLOCKS, 100):
+            writer.write(LASER, block(50 * number, np.zeros((50, 2))), number, number)
 
-    with pytest.raises(BagError, match="the disk is full: free some space") as caught:
-        fill()
-    assert "\n" not in str(caught.value)
-    monkeypatch.undo()
+    with monkeypatch.context() as patched:
+        patched.setattr(Sink, "write", limited)
+        with pytest.raises(BagError) as caught:
+            fill()
+    in_one_line(caught.value, "full", "recover")
     writer.close()
     with pytest.raises(BagError, match="breaks off"):
         verify(tmp_path / "run")
     assert repair(tmp_path / "run").verified.messages >= 30
 
 
-_KILLED = """
-import os, signal, sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[2])
-from test_recording import small_bag
-writer = small_bag(Path(sys.argv[1]), blocks=400)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.slow
 def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
+    """The writer is not closed, and its files are unbuffered: what is in them is what a killed process leaves."""
     folder = tmp_path / "run"
-    killed = subprocess.run([sys.executable, "-c", _KILLED, str(folder), str(Path(__file__).parent)], check=False)
-    assert killed.returncode == -9
+    writer = begin_bag(folder, blocks_of_noise(400))
     assert not (folder / "metadata.yaml").exists()
     with pytest.raises(BagError, match="breaks off"):
         verify(folder)
@@ -266,23 +258,18 @@ def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
     assert 400 - 17 <= found.messages <= 400
     assert repair(folder).verified == found
     assert (folder / "run_0.mcap.damaged").is_file()
-
-
-def test_what_came_before_an_ended_chunk_survives_a_crash(tmp_path: Path) -> None:
-    writer = small_bag(tmp_path / "run")
-    writer.end_chunk()
-    size = writer.size
-    writer.end_chunk()  # without messages
-    assert writer.size == size
-    assert repair(tmp_path / "run").verified.messages == 40
     writer.close()
 
 
-def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
-    writer = small_bag(tmp_path / "run")
-    writer.sync()
-    assert repair(tmp_path / "run").verified.messages == 40
-    information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+@pytest.mark.parametrize("end", [BagWriter.end_chunk, BagWriter.sync])
+def test_what_came_before_an_ended_chunk_survives_a_crash(tmp_path: Path, end: Callable[[BagWriter], None]) -> None:
+    writer = begin_bag(tmp_path / "run", blocks_of_noise())
+    end(writer)
+    size = writer.size
+    writer.end_chunk()  # without messages
+    assert writer.size == size
+    assert repair(tmp_path / "run").verified.messages == BLOCKS
+    information = information_of(tmp_path / "run")
     assert information["custom_data"]["run_id"] == "small"
     assert "repaired" in information["custom_data"]
     (topic,) = information["topics_with_message_count"]
@@ -290,28 +277,15 @@ def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
-    small_bag(tmp_path / "run").close()
-    file = tmp_path / "run" / "run_0.mcap"
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    file.write_bytes(data)
-    with pytest.raises(BagError):
-        verify(tmp_path / "run")
-
-
-@pytest.mark.slow
-def test_a_changed_byte_is_noticed_wherever_it_is(tmp_path: Path) -> None:
-    small_bag(tmp_path / "run").close()
-    file = tmp_path / "run" / "run_0.mcap"
-    data = file.read_bytes()
+def test_a_changed_byte_is_noticed_wherever_it_is(small: Path) -> None:
+    data = small.read_bytes()
     for place in range(0, len(data), 67):
         changed = bytearray(data)
         changed[place] ^= 1 << place % 8
-        file.write_bytes(changed)
+        small.write_bytes(changed)
         with pytest.raises(BagError) as caught:
-            verify(tmp_path / "run")
-        assert "\n" not in str(caught.value), place
+            verify(small.parent)
+        in_one_line(caught.value)
 
 
 def test_a_changed_attachment_is_noticed_in_a_bag_without_a_checksum_of_all(tmp_path: Path) -> None:
@@ -322,49 +296,40 @@ def test_a_changed_attachment_is_noticed_in_a_bag_without_a_checksum_of_all(tmp_
         other.add_attachment(0, 0, "scene.yaml", "text/yaml", b"stiffness: 427.6")
         other.finish()  # type: ignore[no-untyped-call]
     file.write_bytes(file.read_bytes().replace(b"427.6", b"927.6"))
-    with pytest.raises(BagError, match=r"the attachment scene\.yaml is damaged"):
+    with pytest.raises(BagError, match=r"scene\.yaml.*damaged"):
         verify(file)
 
 
-def test_a_second_repair_keeps_what_the_first_has_kept(tmp_path: Path) -> None:
-    small_bag(tmp_path / "run").close()
-    file = tmp_path / "run" / "run_0.mcap"
+def test_a_second_repair_keeps_what_the_first_has_kept(small: Path) -> None:
     for _ in range(2):
-        data = file.read_bytes()
-        file.write_bytes(data[: 2 * len(data) // 3])
-        repair(tmp_path / "run")
-    kept = sorted(path.name for path in file.parent.glob("*.damaged*"))
+        data = small.read_bytes()
+        small.write_bytes(data[: 2 * len(data) // 3])
+        repair(small.parent)
+    kept = sorted(path.name for path in small.parent.glob("*.damaged*"))
     assert kept == ["run_0.mcap.damaged", "run_0.mcap.damaged.2"]
 
 
 @pytest.mark.parametrize("field", [1, 9 + 8 + 8])  # of the chunk: the length of its record, its size when unpacked
-def test_a_length_beyond_all_bounds_is_one_line(field: int, tmp_path: Path) -> None:
-    small_bag(tmp_path / "run").close()
-    file = tmp_path / "run" / "run_0.mcap"
-    with file.open("rb") as stream:
+def test_a_length_beyond_all_bounds_is_one_line(field: int, small: Path) -> None:
+    with small.open("rb") as stream:
         begin = make_reader(stream).get_summary().chunk_indexes[0].chunk_start_offset  # type: ignore[union-attr]
-    data = bytearray(file.read_bytes())
+    data = bytearray(small.read_bytes())
     for length in (2**40, 2**63, 2**64 - 1):
         data[begin + field : begin + field + 8] = length.to_bytes(8, "little")
-        file.write_bytes(data)
-        with pytest.raises(BagError, match="breaks off or is damaged"):
-            verify(tmp_path / "run")
-        assert repair(tmp_path / "run").verified.messages == 26  # all but those of the chunk
-        file.write_bytes(data)
+        small.write_bytes(data)
+        with pytest.raises(BagError, match="damaged") as caught:
+            verify(small.parent)
+        in_one_line(caught.value)
+        assert repair(small.parent).verified.messages == 26  # all but those of the chunk
+        small.write_bytes(data)
 
 
-def test_a_path_that_is_too_long_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match=r"cannot be opened|no such bag"):
-        verify(tmp_path / ("a" * 5000))
-
-
-def test_metadata_that_contradicts_the_file_is_detected_and_repaired(tmp_path: Path) -> None:
-    small_bag(tmp_path / "run").close()
-    path = tmp_path / "run" / "metadata.yaml"
+def test_metadata_that_contradicts_the_file_is_detected_and_repaired(small: Path) -> None:
+    path = small.parent / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
-    with pytest.raises(BagError, match="lists 39 messages on /sensors/laser, the files hold 40"):
-        verify(tmp_path / "run")
-    assert repair(tmp_path / "run").verified.messages == 40
+    with pytest.raises(BagError, match=r"39 .*/sensors/laser.* 40"):
+        verify(small.parent)
+    assert repair(small.parent).verified.messages == BLOCKS
 
 
 @pytest.mark.parametrize("action", ["verify", "repair"])
@@ -372,21 +337,21 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
     (tmp_path / "empty").mkdir()
     text = tmp_path / "text.mcap"
     text.write_text("not a bag\n")
-    for given in (tmp_path / "missing", tmp_path / "empty", text):
-        assert main(["bag", action, str(given)]) == 2
-        said = capsys.readouterr().err
-        assert said.startswith("error: ")
-        assert said.count("\n") == 1
-        assert str(given) in said
+    nothing = tmp_path / "nothing" / "run_0.mcap"
+    nothing.parent.mkdir()
+    nothing.touch()
+    for given in (tmp_path / "missing", tmp_path / "empty", text, nothing, nothing.parent):
+        refused(capsys, ["bag", action, given], str(given))
+    with pytest.raises(BagError):
+        verify(tmp_path / ("a" * 5000))
 
 
 def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bag", "extract", str(bag), "--out", str(tmp_path / "kept")]) == 0
+    extract = ["bag", "extract", bag, "--out", tmp_path / "kept"]
+    assert main([str(word) for word in extract]) == 0
     assert (tmp_path / "kept" / "scene.yaml").read_text() == (bag.parent / "short.yaml").read_text()
-    assert main(["bag", "extract", str(bag), "--out", str(tmp_path / "kept")]) == 2
-    small_bag(tmp_path / "bare").close()
-    assert main(["bag", "extract", str(tmp_path / "bare"), "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 2
+    refused(capsys, extract)
+    refused(capsys, ["bag", "extract", write_bag(tmp_path / "bare", blocks_of_noise()), "--out", tmp_path])
 
 
 _WITHOUT_ROS = """
@@ -402,23 +367,24 @@ assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
 
 def test_reading_needs_no_ros(bag: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("AMENT_", "ROS_"))}
-    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment, timeout=100.0)
+    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment)
 
 
 def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bag", "verify", str(bag)]) == 0
-    assert "every one read and decoded" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    found = verify(bag)
+    assert str(found.messages) in printed.split()
+    assert set(found.by_topic) <= set(printed.split())
 
 
-@pytest.mark.slow
 def test_the_index_of_a_day_of_chunks_takes_little_memory(tmp_path: Path) -> None:
-    writer = BagWriter(tmp_path / "bag", new_run(run_id="small", commit="none"), chunk=1)
-    writer.add_topic("/events", "atpid_interfaces/msg/Event")
+    writer = begin_bag(tmp_path / "bag", topics=[EVENTS], chunk=1)
     message = make("Event", text="x")
 
     def write(first: int, count: int) -> None:
         for number in range(first, first + count):
-            writer.write("/events", message, number, number)
+            writer.write(EVENTS, message, number, number)
 
     write(0, 100)
     tracemalloc.start()

@@ -1,26 +1,29 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Flushes to the disk: nothing that is written waits for one, and one that fails ends the recording."""
+"""A bag on a disk that hangs or fails: nothing that is written waits for a flush, and one that fails ends it."""
 
 import errno
+import math
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from recorded import make
+from recorded import STATES, begin_bag, in_one_line, make
 
+from atpid_common.injected_faults import Injected
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.flush import DiskWatch, Flush
-from atpid_control.runs.metadata import new_run
 from atpid_control.runs.parts import MAGIC
 from atpid_control.runs.recover import recover
 from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import BagWriter, Sink, Split
+from atpid_control.stand.faulty_recorder import FaultySink
 
-STATES = "/ceiling/state"
 TIMEOUT = 100.0
+PIECE = bytes(range(100))
 
 
 class Disk:
@@ -57,12 +60,6 @@ def disk() -> Iterator[Disk]:
     made.released.set()
 
 
-def writer(folder: Path, disk: Disk, split: Split | None = None) -> BagWriter:
-    made = BagWriter(folder, new_run(run_id="small", commit="none"), sink=disk.sink, split=split)
-    made.add_topic(STATES, "atpid_interfaces/msg/CeilingState")
-    return made
-
-
 def write(bag: BagWriter, *stamps: int) -> None:
     for stamp in stamps:
         bag.write(STATES, make("CeilingState", stamp, "motor_node"), stamp, stamp)
@@ -70,7 +67,7 @@ def write(bag: BagWriter, *stamps: int) -> None:
 
 
 def test_what_is_written_while_the_disk_hangs_survives_a_kill(tmp_path: Path, disk: Disk) -> None:
-    bag = writer(tmp_path / "run", disk)
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink)
     write(bag, 0)
     bag.sync()
     assert disk.begun.wait(TIMEOUT)
@@ -85,7 +82,7 @@ def test_what_is_written_while_the_disk_hangs_survives_a_kill(tmp_path: Path, di
 
 
 def test_a_split_does_not_wait_for_the_disk(tmp_path: Path, disk: Disk) -> None:
-    bag = writer(tmp_path / "run", disk, Split(seconds=1e-6))
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink, split=Split(seconds=1e-6))
     write(bag, 0, 1, 2000, 2001, 4000)
     assert disk.begun.wait(TIMEOUT)
     files = sorted((tmp_path / "run").glob("*.mcap"))
@@ -102,15 +99,15 @@ def until_refused(act: Callable[[], None]) -> None:
         act()
 
 
-@pytest.mark.parametrize("act", ["sync", "close"])
-def test_a_flush_that_fails_ends_the_recording(tmp_path: Path, disk: Disk, act: str) -> None:
+@pytest.mark.parametrize("act", [BagWriter.sync, BagWriter.close])
+def test_a_flush_that_fails_ends_the_recording(tmp_path: Path, disk: Disk, act: Callable[[BagWriter], None]) -> None:
     disk.error = OSError(errno.EIO, os.strerror(errno.EIO))
-    bag = writer(tmp_path / "run", disk)
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink)
     write(bag, 0)
     disk.released.set()
-    with pytest.raises(BagError, match="recording stopped after 1 messages, the disk reports an error") as caught:
-        until_refused(bag.close if act == "close" else bag.sync)
-    assert "\n" not in str(caught.value)
+    with pytest.raises(BagError, match=r"after 1 .*disk") as caught:
+        until_refused(lambda: act(bag))
+    in_one_line(caught.value)
     bag.close()
     assert recover(tmp_path / "run").verified.messages == 1
 
@@ -119,10 +116,10 @@ def test_an_error_is_that_of_the_flushes_after_it_too() -> None:
     done: list[str] = []
 
     def fail() -> None:
+        assert go.wait(TIMEOUT)
         raise OSError(errno.EIO, "")
 
     flush, go = Flush(), threading.Event()
-    flush.add(lambda: assert_(go.wait(TIMEOUT)))
     flush.add(fail)
     flush.add(lambda: done.append("not done"))
     go.set()
@@ -130,10 +127,6 @@ def test_an_error_is_that_of_the_flushes_after_it_too() -> None:
         flush.finish()
     assert not done
     flush.finish()  # nothing is left
-
-
-def assert_(held: bool) -> None:
-    assert held
 
 
 def test_slow_writes_are_one_episode() -> None:
@@ -149,3 +142,74 @@ def test_a_disk_that_stays_busy_is_a_few_reports_and_the_next_day_is_another_one
     assert 2 <= hour.count(True) <= 3  # one each 5 s without the rule
     assert [watch.push(0.1, 4000.0), watch.push(0.5, 8000.0)] == [False, True]
     assert [watch.push(0.1, 8003.0)] == [False]  # after 2 s again
+
+
+class Faulty:
+    """A file with an injected fault from 1 s to 2 s of a run whose time is set by hand."""
+
+    def __init__(self, folder: Path, kind: str, value: float = math.nan) -> None:
+        self.now, self.file = 0.5, folder / "run.mcap"
+        self.sink = FaultySink(self.file, [Injected("recorder", kind, 1.0, 2.0, value)], lambda: self.now)
+
+    def write(self, now: float, data: bytes = PIECE) -> bytes:
+        """Write a piece at an instant of the run; return what is in the file then."""
+        self.now = now
+        self.sink.write(data)
+        return self.file.read_bytes()
+
+
+def test_before_and_after_its_fault_it_is_a_file(tmp_path: Path) -> None:
+    made = Faulty(tmp_path, "wrong")
+    assert made.write(math.nan) == PIECE  # before the run
+    assert made.write(2.0) == 2 * PIECE
+    made.sink.sync()
+    assert made.sink.tell() == 200
+    made.sink.close()
+
+
+def test_a_full_disk_refuses(tmp_path: Path) -> None:
+    made = Faulty(tmp_path, "wrong")
+    with pytest.raises(OSError, match="Errno") as refused:
+        made.write(1.5)
+    assert refused.value.errno == errno.ENOSPC
+    assert made.file.read_bytes() == b""
+
+
+def test_garbage_is_one_bit_in_each_piece(tmp_path: Path) -> None:
+    got = Faulty(tmp_path, "garbage").write(1.5)
+    different = [one ^ other for one, other in zip(got, PIECE, strict=True) if one != other]
+    assert [one.bit_count() for one in different] == [1]
+
+
+@pytest.mark.parametrize(("kind", "begin"), [("stuck", 1.0), ("intermittent", 1.5)])
+def test_a_disk_that_hangs_takes_the_piece_when_it_no_longer_does(tmp_path: Path, kind: str, begin: float) -> None:
+    made = Faulty(tmp_path, kind, 1.0 if kind == "intermittent" else math.nan)
+    made.now = begin
+    writing = threading.Thread(target=made.sink.write, args=(PIECE,))
+    writing.start()
+    try:
+        writing.join(0.05)
+        assert writing.is_alive()
+        assert made.file.read_bytes() == b""
+    finally:
+        made.now = 2.0
+        writing.join()
+    assert made.file.read_bytes() == PIECE
+
+
+def test_a_slow_disk_takes_its_time(tmp_path: Path) -> None:
+    made, begun = Faulty(tmp_path, "slow", 0.05), time.monotonic()
+    assert made.write(1.5) == PIECE
+    assert time.monotonic() - begun >= 0.05
+
+
+def test_delayed_pieces_keep_their_order_and_a_sync_waits_for_them(tmp_path: Path) -> None:
+    made = Faulty(tmp_path, "delayed", 0.05)
+    assert made.write(1.5) == b""
+    assert made.sink.tell() == 100
+    made.write(2.5, PIECE[::-1])
+    made.sink.sync()
+    assert made.file.read_bytes() == PIECE + PIECE[::-1]
+    made.write(1.5)
+    made.sink.close()
+    assert len(made.file.read_bytes()) == 300

@@ -1,14 +1,17 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder among real publishers: handshake, order, ends of every kind."""
+"""The recorder among real publishers: handshake, order, ends of every kind, a kill."""
 
 import errno
 import os
+import random
 import signal
 import subprocess
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +44,7 @@ from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import find_parts
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.records import records
+from atpid_control.runs.recover import recover
 from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import Sink
 
@@ -52,8 +56,11 @@ TOPICS: dict[str, type[Any]] = {
     "ceiling/state": CeilingState,
     "events": Event,
 }
+LASER, STATES, COMMAND, EVENTS = "/sensors/laser", "/ceiling/state", "/ceiling/command", "/events"
 BY_CLOCK = {"/rosout", "/diagnostics"}
 BLOCK_NS, SCANS = 50_000_000, 50
+#: What a kill may lose [s].
+MOST_LOST = 0.05
 
 
 class Source(Node):  # type: ignore[misc]
@@ -78,16 +85,13 @@ class Source(Node):  # type: ignore[misc]
         message.header.stamp = time_of(stamp_ns)
         self.out[topic].publish(message)
 
-    def handshake(self) -> None:
-        for topic in TOPICS:
-            self.say(topic, 0, handshake=True)
-
     def ready(self) -> bool:
         """Whether the recorder has received every topic; repeats the handshake where it has not."""
         counts = dict(zip(self.status.topics, self.status.received, strict=True)) if self.status else {}
         if all(counts.get(f"/{topic}", 0) for topic in TOPICS):
             return True
-        self.handshake()
+        for topic in TOPICS:
+            self.say(topic, 0, handshake=True)
         return False
 
     def block(self, number: int) -> None:
@@ -101,11 +105,14 @@ class Source(Node):  # type: ignore[misc]
         self.say("sensors/laser", number * BLOCK_NS, **shape, **channels, data=[float(number)] * SCANS)
         self.say("ceiling/command", last)
 
-    def finish(self, blocks: int) -> None:
-        self.say("events", blocks * BLOCK_NS - 1_000_000, kind="finished")
+    def finish(self, blocks: int, node: str = "") -> None:
+        self.say("events", blocks * BLOCK_NS - 1_000_000, kind=Event.FINISHED, node=node)
+
+    def stopped(self) -> bool:
+        return self.status is not None and not self.status.recording
 
     def closed(self) -> bool:
-        return self.status is not None and not self.status.recording and sum(self.status.written) > 0
+        return self.stopped() and sum(self.status.written) > 0  # type: ignore[union-attr]
 
 
 @pytest.fixture
@@ -127,85 +134,133 @@ def spin_until(executor: TurnExecutor, met: Callable[[], bool], timeout: float =
         executor.spin_once(timeout_sec=0.05)
 
 
-def make(executor: TurnExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
+def begin(executor: TurnExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
+    """Return a recorder with these parameters and a source, once each of them receives the other."""
     overrides = [Parameter(name, value=value) for name, value in {"bag": str(bag), **parameters}.items()]
     recorder, source = RecorderNode(parameter_overrides=overrides), Source()
     executor.add_node(recorder)
     executor.add_node(source)
+    spin_until(executor, source.ready)
     return recorder, source
+
+
+def written(recorder: RecorderNode, topic: str) -> int:
+    return recorder.session.written[topic] if recorder.session else 0
+
+
+def send(executor: TurnExecutor, source: Source, *blocks: int) -> None:
+    for number in blocks:
+        source.block(number)
+        executor.spin_once(timeout_sec=0.0)
+
+
+def end(executor: TurnExecutor, source: Source, blocks: int) -> None:
+    source.finish(blocks)
+    spin_until(executor, source.closed)
+
+
+def readable(bag: Path) -> Counter[str]:
+    """Return how many messages of each type another library can read and decode."""
+    found = Counter[str]()
+    with AnyReader([bag], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        for connection, _, data in reader.messages():
+            assert reader.deserialize(data, connection.msgtype)
+            found[connection.msgtype] += 1
+    return found
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_a_run_is_recorded_from_handshake_to_finished(ros: TurnExecutor, tmp_path: Path, lockstep: bool) -> None:
-    recorder, source = make(ros, tmp_path / "run", lockstep=lockstep)
-    spin_until(ros, source.ready)
-    for number in range(30):
-        source.block(number)
-        ros.spin_once(timeout_sec=0.0)
-    source.finish(30)
-    spin_until(ros, source.closed)
+    """In lockstep in files of half a second."""
+    begun = time.time_ns()
+    parameters = {"lockstep": True, "max_bag_duration": 0.5} if lockstep else {"lockstep": False}
+    recorder, source = begin(ros, tmp_path / "run", **parameters)
+    send(ros, source, *range(30))
+    end(ros, source, 30)
     found = verify(tmp_path / "run")
     of_the_run = {topic: count for topic, count in found.by_topic.items() if topic not in BY_CLOCK}
-    assert of_the_run == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), "/events": 1}
+    assert of_the_run == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), EVENTS: 1}
     assert (set(found.by_topic) & BY_CLOCK == set()) == lockstep
     bag = open_bag(tmp_path / "run")
-    assert not any(message.handshake for _, message in bag.messages("/sensors/laser"))
+    assert not any(message.handshake for _, message in bag.messages(LASER))
     if lockstep:
         assert (found.start_ns, found.end_ns) == (0, 29 * BLOCK_NS + 49_000_000)
-        order = [raw.topic for raw in bag.raw][:5]
-        assert order == ["/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
+        assert [raw.topic for raw in bag.raw][:5] == [LASER, "/plant/truth", "/excitation", COMMAND, STATES]
     else:
-        assert abs(found.end_ns - time.time_ns()) < 60e9
-    assert bag.result["finished"] == "yes"
-    assert bag.result["lost_scans /sensors/laser"] == "0"
+        assert begun < found.start_ns <= found.end_ns < time.time_ns()
+    assert sorted(path.name for path in (tmp_path / "run").glob("*.mcap")) == [
+        f"run_{number}.mcap" for number in range(3 if lockstep else 1)
+    ]
+    assert readable(tmp_path / "run").total() == found.messages
+    assert not found.lost
+    assert (bag.result["finished"], bag.result[f"lost_scans {LASER}"]) == ("yes", "0")
     assert not recorder.error
+
+
+def test_events_losses_log_transitions_and_parameters_are_kept(ros: TurnExecutor, tmp_path: Path) -> None:
+    """An event from before the recorder is in the bag once, and missing scans are announced and recorded."""
+    motor = LifecycleNode("motor_node")
+    motor.declare_parameter("speed", 0.3)
+    motor.declare_parameter("limits", [0.017, 1.0])
+    ros.add_node(motor)
+    events = EventPublisher(motor)
+    events.publish(Event.ALARM, Event.FAULT, "motor off")
+    for _ in range(2 * EVENTS_KEPT.depth):  # a source that waits for long must not displace it
+        events.publish_handshake()
+    recorder, source = begin(ros, tmp_path / "run")
+    spin_until(ros, lambda: written(recorder, EVENTS) > 0)
+    spin_until(ros, lambda: motor.count_subscribers("motor_node/transition_event") > 0)
+    motor.trigger_configure()
+    motor.get_logger().warning("slips")
+    spin_until(ros, lambda: written(recorder, "/motor_node/transition_event") > 0)
+    spin_until(ros, lambda: "motor_node.yaml" in kept_files(tmp_path / "run"))
+    send(ros, source, 0, 1, 3)
+    spin_until(ros, lambda: "dropped" in source.kinds)
+    end(ros, source, 4)
+    bag = open_bag(tmp_path / "run")
+    kept = [event for _, event in bag.messages(EVENTS)]
+    assert [(event.kind, event.node) for event in kept] == [
+        ("fault", "motor_node"), ("dropped", "recorder_node"), ("finished", ""),
+    ]  # fmt: skip
+    assert kept[1].value == 50.0
+    assert bag.result[f"lost_scans {LASER}"] == "50"
+    assert ("motor_node", "slips") in {(message.name, message.msg) for _, message in bag.messages("/rosout")}
+    goals = [message.goal_state.label for _, message in bag.messages("/motor_node/transition_event")]
+    assert goals[-1] == "inactive"
+    assert yaml.safe_load(bag.files["motor_node.yaml"]) == {
+        "/**/motor_node": {"ros__parameters": {"speed": 0.3, "limits": [0.017, 1.0]}}
+    }
+    assert {"rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"} <= readable(tmp_path / "run").keys()
+    motor.destroy_node()
 
 
 def test_a_strangers_end_does_not_end_the_record(ros: TurnExecutor, tmp_path: Path) -> None:
-    recorder, source = make(ros, tmp_path / "run")
-    spin_until(ros, source.ready)
-    source.say("events", 0, kind="started", node="plant_node")
-    for number in range(30):
-        source.block(number)
-        if number == 10:
-            source.say("events", 10 * BLOCK_NS, kind="finished", node="a stranger")
-        ros.spin_once(timeout_sec=0.0)
-    source.say("events", 30 * BLOCK_NS - 1_000_000, kind="finished", node="plant_node")
+    recorder, source = begin(ros, tmp_path / "run")
+    source.say("events", 0, kind=Event.STARTED, node="plant_node")
+    send(ros, source, *range(10))
+    source.finish(10, "a stranger")
+    spin_until(ros, lambda: written(recorder, EVENTS) == 2)
+    send(ros, source, *range(10, 30))
+    spin_until(ros, lambda: written(recorder, COMMAND) == 30)
+    source.finish(30, "plant_node")
     spin_until(ros, source.closed)
-    assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 30
+    assert verify(tmp_path / "run").by_topic[LASER] == 30
     assert not recorder.error
 
 
-def test_missing_scans_are_announced_and_recorded(ros: TurnExecutor, tmp_path: Path) -> None:
-    _, source = make(ros, tmp_path / "run")
-    spin_until(ros, source.ready)
-    for number in (0, 1, 3):
-        source.block(number)
-    spin_until(ros, lambda: "dropped" in source.kinds)
-    source.finish(4)
-    spin_until(ros, source.closed)
-    bag = open_bag(tmp_path / "run")
-    assert bag.result["lost_scans /sensors/laser"] == "50"
-    assert [event.value for _, event in bag.messages("/events") if event.kind == "dropped"] == [50.0]
-
-
-@pytest.mark.slow
 def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: TurnExecutor, tmp_path: Path) -> None:
-    recorder, source = make(ros, tmp_path / "run")
-    spin_until(ros, source.ready)
+    recorder, source = begin(ros, tmp_path / "run")
     source.block(0)
     source.say("sensors/laser", BLOCK_NS, first_index=SCANS, rate=1000.0, channels=["a"], data=[0.0] * SCANS)
-    source.finish(2)
-    spin_until(ros, source.closed)
+    end(ros, source, 2)
     assert recorder.session is not None
-    assert recorder.session.missing_topics() == ["/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
+    assert recorder.session.missing_topics() == ["/plant/truth", "/excitation", COMMAND, STATES]
 
 
 def test_a_full_disk_ends_the_recording_with_one_line(
     ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, source = make(ros, tmp_path / "run", sync_period=0.0)
-    spin_until(ros, source.ready)
+    recorder, source = begin(ros, tmp_path / "run", sync_period=0.0)
 
     def full(_sink: Sink, _data: bytes) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -215,9 +270,8 @@ def test_a_full_disk_ends_the_recording_with_one_line(
         source.block(number)
     spin_until(ros, lambda: "fault" in source.kinds)
     assert recorder.done.result() == 2
-    assert "the disk is full" in recorder.error
-    assert "recover" in recorder.error
-    spin_until(ros, lambda: source.status is not None and not source.status.recording)
+    assert {"full", "recover"} <= set(recorder.error.replace(":", " ").split())
+    spin_until(ros, source.stopped)
     assert source.kinds.count("fault") == 1
 
 
@@ -226,167 +280,97 @@ def test_a_disk_that_hangs_is_reported_and_nothing_waits_for_it(
 ) -> None:
     released = threading.Event()
     monkeypatch.setattr(Sink, "sync", lambda _sink: released.wait(100.0))
-    recorder, source = make(ros, tmp_path / "run", sync_period=0.05)
+    recorder, source = begin(ros, tmp_path / "run", sync_period=0.05)
     try:
-        spin_until(ros, source.ready)
         source.block(0)
         spin_until(ros, lambda: "slow" in source.kinds)
         source.block(1)
-        session = recorder.session
-        assert session is not None
-        spin_until(ros, lambda: session.written["/sensors/laser"] == 2)
+        spin_until(ros, lambda: written(recorder, LASER) == 2)
         assert not recorder.error
     finally:
         released.set()
-    source.finish(2)
-    spin_until(ros, source.closed)
-    slow = [event.text for _, event in open_bag(tmp_path / "run").messages("/events") if event.kind == "slow"]
+    end(ros, source, 2)
+    slow = [event.text for _, event in open_bag(tmp_path / "run").messages(EVENTS) if event.kind == "slow"]
     assert len(slow) == 1
-    assert "a power cut loses as much" in slow[0]
 
 
 def test_an_existing_bag_is_refused_before_anything_is_made(ros: TurnExecutor, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    with pytest.raises(BagError, match="exists already"):
-        make(ros, tmp_path / "run")
-    with pytest.raises(ParameterError, match="compression of recorder_node: given 'gzip'; allowed: 'zstd'"):
-        make(ros, tmp_path / "other", compression="gzip")
+    with pytest.raises(BagError, match=r"run: .*exists"):
+        begin(ros, tmp_path / "run")
+    with pytest.raises(ParameterError, match=r"compression .*'gzip'.*'zstd'"):
+        begin(ros, tmp_path / "other", compression="gzip")
+    with pytest.raises(BagError, match=r"trigger: .*'x'; .*'TOPIC SIGNAL'"):
+        begin(ros, tmp_path / "other", trigger="x")
     assert not (tmp_path / "other").exists()
 
 
-class Process:
-    """recorder_node as `ros2 run` starts it."""
-
-    def __init__(self, folder: Path, *parameters: str) -> None:
-        executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/recorder_node"
-        given = [part for name in (f"bag:={folder}", *parameters) for part in ("-p", name)]
-        self.process = subprocess.Popen(
-            [executable, "--ros-args", *given], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-
-    def end(self, number: int | None = None) -> tuple[int, str]:
-        if number is not None:
-            self.process.send_signal(number)
-        said, _ = self.process.communicate(timeout=100.0)
-        return self.process.returncode, said
+@contextmanager
+def recorder_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start recorder_node as `ros2 run` does."""
+    executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/recorder_node"
+    command = [str(executable), "--ros-args", "-p", f"bag:={folder}", "-p", "sync_period:=0.05"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_by_a_signal_leaves_a_whole_bag(ros: TurnExecutor, tmp_path: Path, number: int) -> None:
-    """What a kill leaves: test_recording_killed.py."""
-    recorder, source = Process(tmp_path / "run", "sync_period:=0.05"), Source()
+    """A second recorder, which is refused, leaves nothing behind."""
+    source = Source()
     ros.add_node(source)
-    try:
+    with recorder_process(tmp_path / "run") as recorder:
         spin_until(ros, source.ready)
-        for block in range(20):
-            source.block(block)
-        spin_until(ros, lambda: source.status is not None and min(source.status.written[:1]) >= 20)
-        status, said = recorder.end(number)
-    finally:
-        recorder.process.kill()
-        recorder.process.wait()
-    assert status == 0, said
-    assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 20
+        if number == signal.SIGINT:
+            with recorder_process(tmp_path / "second") as second:
+                said, _ = second.communicate(timeout=100.0)
+            assert (second.returncode, said.count("\n")) == (2, 1)
+            assert "already running" in said
+            assert os.listdir(tmp_path) == ["run"]
+        send(ros, source, *range(20))
+        spin_until(ros, lambda: source.status is not None and source.status.written[0] >= 20)
+        recorder.send_signal(number)
+        said, _ = recorder.communicate(timeout=100.0)
+    assert recorder.returncode == 0, said
+    assert verify(tmp_path / "run").by_topic[LASER] == 20
 
 
-@pytest.mark.slow
-def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    status, said = Process(tmp_path / "run").end()
-    assert status == 2
-    assert said.count("\n") == 1
-    assert "exists already" in said
-
-
-@pytest.mark.slow
-def test_a_second_recorder_leaves_nothing_behind(ros: TurnExecutor, tmp_path: Path) -> None:
-    first, source = Process(tmp_path / "first"), Source()
+def lost_by_a_kill(ros: TurnExecutor, folder: Path, after: float) -> float:
+    """Kill a recorder `after` so many seconds of blocks; return for how long before what was published is lost [s]."""
+    source = Source()
     ros.add_node(source)
-    try:
+    sent: list[float] = []
+    with recorder_process(folder) as recorder:
         spin_until(ros, source.ready)
-        status, said = Process(tmp_path / "second").end()
-        assert status == 2
-        assert "already running" in said
-        assert not (tmp_path / "second").exists()
-        assert first.end(signal.SIGINT)[0] == 0
-    finally:
-        first.process.kill()
-        first.process.wait()
-    assert set(verify(tmp_path / "first").by_topic) <= {"/diagnostics", "/rosout", "/events"}  # its own
-    assert os.listdir(tmp_path) == ["first"]
+        begun = time.monotonic()
+        while time.monotonic() - begun < after:
+            source.block(len(sent))
+            sent.append(time.monotonic())
+            ros.spin_once(timeout_sec=0.01)
+        killed = time.monotonic()
+        recorder.kill()
+    ros.remove_node(source)
+    source.destroy_node()
+    found = recover(folder, folder.with_name(f"{folder.name}-again"))
+    blocks = [block for _, block in open_bag(found.verified.folder).messages(LASER)]
+    assert [block.first_index for block in blocks] == [number * SCANS for number in range(len(blocks))]
+    if blocks:  # else nothing had been written: the machine was busy
+        assert any(
+            line.startswith(f"{LASER}: ") and line.endswith(f" {len(blocks) * SCANS - 1}") for line in found.lost
+        )
+    return killed - sent[len(blocks)] if len(blocks) < len(sent) else 0.0
 
 
-def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: TurnExecutor, tmp_path: Path) -> None:
-    early = Node("motor_node")
-    ros.add_node(early)
-    events = EventPublisher(early)
-    events.publish(Event.ALARM, Event.FAULT, "motor off: no answer")
-    for _ in range(2 * EVENTS_KEPT.depth):  # a source that waits for long must not displace it
-        events.publish_handshake()
-    recorder, source = make(ros, tmp_path / "run")
-    spin_until(ros, source.ready)
-    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/events"] > 0)
-    source.block(0)
-    source.finish(1)
-    spin_until(ros, source.closed)
-    kept = [(event.kind, event.text) for _, event in open_bag(tmp_path / "run").messages("/events")]
-    assert kept == [("fault", "motor off: no answer"), ("finished", "")]
-    early.destroy_node()
-
-
-def test_the_end_is_that_of_a_source_not_of_anybody(ros: TurnExecutor, tmp_path: Path) -> None:
-    recorder, source = make(ros, tmp_path / "run")
-    spin_until(ros, source.ready)
-    source.say("events", 0, node="plant_node", kind=Event.STARTED)
-    source.block(0)
-    source.say("events", BLOCK_NS, node="somebody", kind=Event.FINISHED)
-    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/events"] == 2)
-    source.block(1)
-    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/ceiling/command"] == 2)
-    source.say("events", 2 * BLOCK_NS - 1_000_000, node="plant_node", kind=Event.FINISHED)
-    spin_until(ros, source.closed)
-    assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 2
-
-
-@pytest.mark.slow
-def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(ros: TurnExecutor, tmp_path: Path) -> None:
-    motor = LifecycleNode("motor_node")
-    motor.declare_parameter("speed", 0.3)
-    motor.declare_parameter("limits", [0.017, 1.0])
-    ros.add_node(motor)
-    recorder, source = make(ros, tmp_path / "run")
-
-    def recorded() -> bool:
-        session = recorder.session
-        return session is not None and session.written["/motor_node/transition_event"] > 0
-
-    spin_until(ros, source.ready)
-    spin_until(ros, lambda: motor.count_subscribers("motor_node/transition_event") > 0)
-    motor.trigger_configure()
-    motor.get_logger().warning("the belt slips")
-    spin_until(ros, recorded)
-    spin_until(ros, lambda: "motor_node.yaml" in kept_files(tmp_path / "run"))
-    source.block(0)
-    source.finish(1)
-    spin_until(ros, source.closed)
-    bag = open_bag(tmp_path / "run")
-    logs = [message.msg for _, message in bag.messages("/rosout") if message.name == "motor_node"]
-    assert "the belt slips" in logs
-    goals = [message.goal_state.label for _, message in bag.messages("/motor_node/transition_event")]
-    assert goals[-1] == "inactive"
-    assert yaml.safe_load(bag.files["motor_node.yaml"]) == {
-        "/**/motor_node": {"ros__parameters": {"speed": 0.3, "limits": [0.017, 1.0]}}
-    }
-    verify(tmp_path / "run")
-    with AnyReader([tmp_path / "run"], default_typestore=get_typestore(Stores.EMPTY)) as reader:
-        names = {
-            connection.msgtype
-            for connection, _, data in reader.messages()
-            if reader.deserialize(data, connection.msgtype)
-        }
-    assert {"rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"} <= names
-    motor.destroy_node()
+@pytest.mark.wall_time
+def test_a_kill_at_a_random_moment_loses_at_most_50_ms(ros: TurnExecutor, tmp_path: Path) -> None:
+    """Once in some attempts: on a busy machine the recorder itself may have to wait its turn."""
+    chooser = random.Random(20)
+    attempts = (lost_by_a_kill(ros, tmp_path / f"run_{number}", chooser.uniform(0.3, 1.5)) for number in range(6))
+    assert any(lost <= MOST_LOST for lost in attempts)
 
 
 def kept_files(folder: Path) -> list[str]:
@@ -396,44 +380,22 @@ def kept_files(folder: Path) -> list[str]:
 
 def test_a_trigger_among_real_publishers(ros: TurnExecutor, tmp_path: Path) -> None:
     overrides = {"trigger": "sensors/laser a", "trigger_level": 19.5, "trigger_pre": 0.1, "trigger_post": 0.2}
-    recorder, source = make(ros, tmp_path / "run", lockstep=True, **overrides)
-    spin_until(ros, source.ready)
-    for number in range(40):
-        source.block(number)
-        ros.spin_once(timeout_sec=0.0)
+    recorder, source = begin(ros, tmp_path / "run", lockstep=True, **overrides)
+    send(ros, source, *range(40))
     spin_until(ros, source.closed)  # by itself, the run goes on
     bag = open_bag(tmp_path / "run")
     # block 20 is the first above the level: two blocks before it end in the pre-trigger time
-    assert [block.first_index // SCANS for _, block in bag.messages("/sensors/laser")] == [18, 19, 20, 21, 22, 23, 24]
-    assert bag.result["trigger"].startswith("/sensors/laser a rising through 19.5: at scan 1000,")
+    assert [block.first_index // SCANS for _, block in bag.messages(LASER)] == [18, 19, 20, 21, 22, 23, 24]
+    assert bag.result["trigger"].startswith(f"{LASER} a ")
+    assert {"19.5:", "1000,"} <= set(bag.result["trigger"].split())
     assert not recorder.error
     verify(tmp_path / "run")
 
 
 def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(ros: TurnExecutor, tmp_path: Path) -> None:
-    _, source = make(ros, tmp_path / "run", trigger="sensors/laser b")
-    spin_until(ros, source.ready)
+    _, source = begin(ros, tmp_path / "run", trigger="sensors/laser b")
     source.block(0)
     spin_until(ros, lambda: "trigger" in source.kinds)
     source.finish(1)
-    spin_until(ros, lambda: source.status is not None and not source.status.recording)
+    spin_until(ros, source.stopped)
     assert open_bag(tmp_path / "run").result["trigger"].endswith("never")
-    with pytest.raises(BagError, match="allowed: 'TOPIC SIGNAL'"):
-        RecorderNode(parameter_overrides=[Parameter("bag", value=str(tmp_path / "x")), Parameter("trigger", value="x")])
-    assert not (tmp_path / "x").exists()
-
-
-def test_a_bag_is_split_while_it_is_recorded(ros: TurnExecutor, tmp_path: Path) -> None:
-    _, source = make(ros, tmp_path / "run", lockstep=True, max_bag_duration=0.5)
-    spin_until(ros, source.ready)
-    for number in range(30):
-        source.block(number)
-        ros.spin_once(timeout_sec=0.0)
-    source.finish(30)
-    spin_until(ros, source.closed)
-    assert sorted(path.name for path in (tmp_path / "run").glob("*.mcap")) == ["run_0.mcap", "run_1.mcap", "run_2.mcap"]
-    found = verify(tmp_path / "run")
-    assert found.by_topic["/sensors/laser"] == 30
-    assert not found.lost
-    with AnyReader([tmp_path / "run"], default_typestore=get_typestore(Stores.EMPTY)) as reader:
-        assert sum(1 for _ in reader.messages()) == found.messages

@@ -9,21 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded import SHORT, bench, block, make
+from recorded import EVENTS, LASER, bench, block, make, receive, session_of, short, topics_of
 
 from atpid_control.recording.session import RecordingSession, Writing
 from atpid_control.recording.trigger import STATES, PreTrigger, Trigger, trigger_of
 from atpid_control.runs.check import check
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.topics import DEFAULT, Topic, parse
 from atpid_control.runs.verify import verify
 from atpid_sim.scene import load_scene
 
-LASER, EVENTS, SUPPORT = "/sensors/laser", "/events", "support_displacement"
-BLOCK, EVENT = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/Event"
-TOPICS = [Topic(LASER, BLOCK), Topic(EVENTS, EVENT)]
+SUPPORT = "support_displacement"
+TOPICS = [Topic(LASER, "atpid_interfaces/msg/SampleBlock"), Topic(EVENTS, "atpid_interfaces/msg/Event")]
 SCANS, RATE = 50, 1000.0
 MS = 1_000_000
 
@@ -33,11 +31,17 @@ def push(waiting: PreTrigger, number: int, values: Any) -> list[int]:
     data = np.stack([values, np.zeros(len(values))], axis=1)
     stamp = SCANS * number * MS
     held = waiting.push(LASER, block(SCANS * number, data, RATE), stamp + 50 * MS, stamp)
+    assert sum(len(one.data) for one in held) <= waiting.trigger.memory
     return [one.publish_ns // MS for one in held if one.topic == LASER]
 
 
 def waiting(**settings: Any) -> PreTrigger:
     return PreTrigger(Trigger(LASER, SUPPORT, **{"level": 0.5, "pre": 0.1, **settings}), TOPICS)
+
+
+def scan_of(one: PreTrigger) -> int | None:
+    """Return the scan that is the trigger; None: there was none so far."""
+    return one.fired and one.fired.scan
 
 
 def sine(number: int, amplitude: float) -> Any:
@@ -51,8 +55,7 @@ def test_the_first_sample_at_the_level_is_the_trigger() -> None:
     # a period of 100 samples begins at 300; asin(0.5) is a twelfth of it: 8.33, so the 9th sample
     assert push(one, 6, sine(6, 1.0)) == [200, 250, 300]
     assert one.fired is not None
-    assert (one.fired.scan, one.fired.time_ns) == (309, 309 * MS)
-    assert one.fired.value == pytest.approx(np.sin(2 * np.pi * 0.09))
+    assert tuple(one.fired) == pytest.approx((309 * MS, 309, np.sin(2 * np.pi * 0.09)))
     assert push(one, 7, sine(7, 1.0)) == [350]
 
 
@@ -63,10 +66,9 @@ def test_the_edge_decides(edge: str, index: int) -> None:
     step[10:20] = 0.0
     push(one, 0, ones)
     push(one, 1, ones)
-    assert one.fired is None  # above the level from the begin is no passing
+    assert scan_of(one) is None  # above the level from the begin is no passing
     push(one, 2, step)
-    assert one.fired is not None
-    assert one.fired.scan == index
+    assert scan_of(one) == index
 
 
 def test_an_invalid_reading_is_no_passing() -> None:
@@ -74,11 +76,10 @@ def test_an_invalid_reading_is_no_passing() -> None:
     values = np.zeros(SCANS)
     values[5], values[6] = np.nan, np.inf
     push(one, 0, values)
-    assert one.fired is None
+    assert scan_of(one) is None
     values[7] = 1.0
     push(one, 1, values)
-    assert one.fired is not None
-    assert one.fired.scan == 57
+    assert scan_of(one) == 57
 
 
 @given(pre=st.floats(0.0, 0.6), at=st.integers(0, 999))
@@ -86,33 +87,24 @@ def test_every_sample_of_the_pre_trigger_time_is_there_and_little_more(pre: floa
     values = np.zeros(1000)
     values[at] = 1.0
     one = waiting(pre=pre)
-    kept: list[int] = []
-    for number in range(20):
-        kept = push(one, number, values[SCANS * number : SCANS * (number + 1)])
-        if one.fired:
-            break
-    if at == 0:
-        return  # nothing came before, so nothing was passed
-    assert one.fired is not None
-    assert one.fired.scan == at
-    first = at - round(pre * RATE)
-    assert kept[0] <= max(0, first)
-    assert kept[0] + SCANS > first  # at most the block in which the time begins
+    pieces = (push(one, number, values[SCANS * number : SCANS * (number + 1)]) for number in range(20))
+    kept = next((kept for kept in pieces if one.fired), None)
+    assert scan_of(one) == (at or None)  # nothing came before the first, so nothing was passed
+    if kept:
+        first = at - round(pre * RATE)
+        assert kept[0] <= max(0, first)
+        assert kept[0] + SCANS > first  # at most the block in which the time begins
 
 
-def test_memory_is_bounded_and_the_want_of_it_stated() -> None:
-    one = waiting(pre=600.0, memory=20_000)
+@pytest.mark.parametrize(("pre", "kept"), [(600.0, None), (0.1, [49_900, 49_950, 50_000])])
+def test_memory_is_bounded_and_the_want_of_it_stated(pre: float, kept: list[int] | None) -> None:
+    one = waiting(pre=pre, memory=20_000)
     for number in range(1000):
         push(one, number, np.zeros(SCANS))
-        assert sum(len(held.data) for held in one._held) <= 20_000
-    kept = push(one, 1000, np.ones(SCANS))
-    assert one.shortened
-    assert len(kept) > 10
-    other = waiting(pre=0.1, memory=20_000)
-    for number in range(1000):
-        push(other, number, np.zeros(SCANS))
-    assert push(other, 1000, np.ones(SCANS)) == [49_900, 49_950, 50_000]
-    assert not other.shortened
+    found = push(one, 1000, np.ones(SCANS))
+    assert one.shortened == (kept is None)
+    assert found == (kept or found)
+    assert len(found) > (10 if kept is None else 0)
 
 
 def test_events_from_before_are_kept() -> None:
@@ -128,22 +120,17 @@ def test_events_from_before_are_kept() -> None:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "short.yaml"
-    path.write_text(SHORT.replace("duration:   8.0", "duration:   3.0").replace("[7.0, 8.0]", "[1.0, 2.0]"))
-    return path
+    return short(tmp_path, 3.0)
 
 
 def recorded(folder: Path, scene: Path, lockstep: bool, **settings: Any) -> RecordingSession:
-    topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
-    trigger = trigger_of(settings.pop("trigger", f"sensors/laser {SUPPORT}"), topics, **{"level": 0.008, **settings})
-    run = new_run(scene, run_id="specimen", commit="none", clock="lockstep" if lockstep else "real time")
-    session = RecordingSession(folder, run, topics, lockstep=lockstep, offered=lambda _: (Qos(),),
-                      writing=Writing(trigger=trigger))  # fmt: skip
-    for number, (topic, message) in enumerate(bench(load_scene(scene), [(0.8, 0.2, 0.01)])):
-        session.receive(topic, message, 1_000_000_000 + number * 1_000)
-        if session.complete:
-            break
+    trigger = trigger_of(
+        settings.pop("trigger", f"sensors/laser {SUPPORT}"), topics_of(lockstep), **{"level": 0.008, **settings}
+    )
+    session = session_of(folder, scene, lockstep=lockstep, writing=Writing(trigger=trigger))
+    receive(session, bench(load_scene(scene), [(0.8, 0.2, 0.01)]))
     session.close()
+    assert session.waiting is not None
     return session
 
 
@@ -151,9 +138,7 @@ def recorded(folder: Path, scene: Path, lockstep: bool, **settings: Any) -> Reco
 def test_a_triggered_run_is_a_bag_that_keeps_the_rules(tmp_path: Path, scene: Path, lockstep: bool) -> None:
     session = recorded(tmp_path / "bag", scene, lockstep, pre=0.2, post=1.0)
     bag = open_bag(tmp_path / "bag")
-    assert session.waiting is not None
-    assert session.waiting.fired is not None
-    index = session.waiting.fired.scan
+    index = scan_of(session.waiting)  # type: ignore[arg-type]
     assert index is not None
     blocks = [block for _, block in bag.messages(LASER)]
     values = np.concatenate([np.asarray(one.data).reshape(-1, 2)[:, 0] for one in blocks])
@@ -163,7 +148,7 @@ def test_a_triggered_run_is_a_bag_that_keeps_the_rules(tmp_path: Path, scene: Pa
     last = blocks[-1].first_index + SCANS
     assert index + 1000 < last <= index + 1000 + SCANS
     assert not verify(tmp_path / "bag").lost
-    assert f"at scan {index}," in bag.result["trigger"]
+    assert f" {index}," in bag.result["trigger"]
     assert bag.result[f"lost_scans {LASER}"] == "0"
     assert check(tmp_path / "bag").findings == []
 
@@ -172,7 +157,7 @@ def test_a_level_that_is_never_reached_leaves_a_bag_that_states_it(tmp_path: Pat
     recorded(tmp_path / "bag", scene, True, level=1.0)
     bag = open_bag(tmp_path / "bag")
     assert not bag.raw
-    assert bag.result["trigger"].endswith("rising through 1: never")
+    assert bag.result["trigger"].endswith(" 1: never")
 
 
 def test_any_number_of_a_message_can_be_the_signal(tmp_path: Path, scene: Path) -> None:
@@ -184,28 +169,23 @@ def test_any_number_of_a_message_can_be_the_signal(tmp_path: Path, scene: Path) 
 
 
 @pytest.mark.parametrize(
-    ("text", "allowed"),
+    ("text", "level", "allowed"),
     [
-        ("sensors/laser", "'TOPIC SIGNAL'"),
-        ("sensors/nothing x", "'TOPIC SIGNAL'"),
-        ("sensors/laser a b", "'TOPIC SIGNAL'"),
-        ("excitation nothing", "amplitude"),
-        ("events text", "value"),
+        ("sensors/laser", 1.0, "'TOPIC SIGNAL'"),
+        ("sensors/nothing x", 1.0, "'TOPIC SIGNAL'"),
+        ("sensors/laser a b", 1.0, "'TOPIC SIGNAL'"),
+        ("excitation nothing", 1.0, "amplitude"),
+        ("events text", 1.0, "value"),
+        (f"sensors/laser {SUPPORT}", float("nan"), "trigger_level: .*nan"),
     ],
 )
-def test_a_trigger_that_cannot_be_is_refused(text: str, allowed: str) -> None:
+def test_a_trigger_that_cannot_be_is_refused(text: str, level: float, allowed: str) -> None:
     with pytest.raises(BagError, match=allowed):
-        trigger_of(text, parse(DEFAULT, lockstep=False), level=1.0)
-
-
-def test_a_level_that_is_no_number_is_refused() -> None:
-    with pytest.raises(BagError, match="trigger_level: given nan"):
-        trigger_of(f"sensors/laser {SUPPORT}", TOPICS[:1], level=float("nan"))
+        trigger_of(text, parse(DEFAULT, lockstep=False), level=level)
 
 
 def test_a_channel_that_no_block_has_is_named() -> None:
     one = PreTrigger(Trigger(LASER, "nothing", 0.0), TOPICS)
     push(one, 0, np.zeros(SCANS))
-    assert one.complaint == (
-        f"{LASER} has no channel 'nothing' to trigger on; it has support_displacement, beam_displacement"
-    )
+    assert one.complaint.startswith(f"{LASER} ")
+    assert {"'nothing'", f"{SUPPORT},", "beam_displacement"} <= set(one.complaint.split())

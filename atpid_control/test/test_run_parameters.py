@@ -29,10 +29,10 @@ def scene() -> Scene:
     return load_scene(FILE)
 
 
-def file_of(folder: Path, text: str) -> Path:
-    path = folder / "values.yaml"
-    path.write_text(text)
-    return path
+def read(folder: Path, text: str, namespace: str) -> Parameters:
+    """Return what a parameter file of this text holds for the nodes in a namespace."""
+    (folder / "values.yaml").write_text(text)
+    return read_parameters(folder / "values.yaml", NAMES, namespace)
 
 
 @pytest.mark.parametrize(
@@ -44,13 +44,13 @@ def file_of(folder: Path, text: str) -> Path:
     ],
 )  # fmt: skip
 def test_values_are_for_the_nodes_that_rcl_matches(namespace: str, key: str, tmp_path: Path) -> None:
-    path = file_of(tmp_path, yaml.safe_dump({key: {"ros__parameters": {"margin": 2.0, "a": {"b": 1}}}}))
-    assert read_parameters(path, NAMES, namespace)["selector_node"] == {"margin": 2.0, "a.b": 1}
+    text = yaml.safe_dump({key: {"ros__parameters": {"margin": 2.0, "a": {"b": 1}}}})
+    assert read(tmp_path, text, namespace)["selector_node"] == {"margin": 2.0, "a.b": 1}
 
 
 def test_namespaces_may_be_blocks_and_later_values_hold(tmp_path: Path) -> None:
     text = "/**: {ros__parameters: {x: 1, y: 5e-05}}\nlab1: {selector_node: {ros__parameters: {x: 2}}}\n"
-    found = read_parameters(file_of(tmp_path, text), NAMES, "/lab1")
+    found = read(tmp_path, text, "/lab1")
     assert found["selector_node"] == {"x": 2, "y": 5e-5}
     assert found["motor_node"] == {"x": 1, "y": 5e-5}
 
@@ -58,25 +58,25 @@ def test_namespaces_may_be_blocks_and_later_values_hold(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("/**/selctor_node: {ros__parameters: {x: 1}}", r"values for /\*\*/selctor_node: .*mean selector_node\?"),
-        ("/lab2/selector_node: {ros__parameters: {x: 1}}", "values for /lab2/selector_node: no node in /lab1 has"),
-        ("selector_node: {ros__parameters: {x: 1}}", r"values for /selector_node: .*; write /\*\*/NODE"),
-        ("/**/selector_node: {margin: 1.0}", "/selector_node/margin: is no block; needed: NODE: ros__parameters: NAME"),
-        ("[1]", "the file: is no block"),
-        ("a: b: c", "not readable as YAML"),
-        ("/**/selector_node: {ros__parameters: {x: 1, x: 2}}", "appears twice"),
+        ("/**/selctor_node: {ros__parameters: {x: 1}}", r"/\*\*/selctor_node: .*\bselector_node"),
+        ("/lab2/selector_node: {ros__parameters: {x: 1}}", r"/lab2/selector_node: .*/lab1"),
+        ("selector_node: {ros__parameters: {x: 1}}", r"/selector_node: .*/\*\*/NODE"),
+        ("/**/selector_node: {margin: 1.0}", r"/selector_node/margin: .* ros__parameters: NAME"),
+        ("[1]", "no block"),
+        ("a: b: c", "YAML"),
+        ("/**/selector_node: {ros__parameters: {x: 1, x: 2}}", "twice"),
     ],
 )
 def test_a_file_with_values_for_no_node_is_refused_in_one_line(text: str, line: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=line) as caught:
-        read_parameters(file_of(tmp_path, text), NAMES, "/lab1")
+        read(tmp_path, text, "/lab1")
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_value_given_takes_the_place_of_the_usual_one_but_not_of_what_the_run_sets() -> None:
     usual: dict[str, dict[str, Any]] = {"a": {"x": 1, "y": 2, "z": 3}}
     assert combined(usual, {"a": {"z": 4}}, {"a": {"y": 5, "z": 4}, "b": {"x": 0}}) == {"a": {"x": 1, "y": 5, "z": 4}}
-    with pytest.raises(BenchError, match="--params-file: z of a: given 5; this run sets it to 4: take it out"):
+    with pytest.raises(BenchError, match=r"--params-file: z .*\ba: .* 5; .* 4: "):
         combined(usual, {"a": {"z": 4}}, {"a": {"z": 5}})
 
 
@@ -113,10 +113,7 @@ def test_the_map_is_the_one_given_else_one_that_fits_and_is_tried_first(scene: S
     shipped = map_of_run(scene, None)
     assert shipped is not None
     assert shipped.read_bytes() == STANDARD.read_bytes()
-    (tmp_path / "broken.npz").write_text("no map")
-    with pytest.raises(InputError, match=r"^--map: .*broken.npz: is no NPZ archive"):
-        map_of_run(scene, tmp_path / "broken.npz")
-    with pytest.raises(InputError, match=r"method: given 'guess'; allowed: lookup"):
+    with pytest.raises(InputError, match=r"method: .*'guess'; .*lookup"):
         map_of_run(scene, None, "guess")
 
 
@@ -124,10 +121,10 @@ def test_the_map_is_the_one_given_else_one_that_fits_and_is_tried_first(scene: S
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("--map", "broken.npz"), "error: --map: .*broken.npz: is no NPZ archive"),
-        (("--params-file", "values.yaml"), "error: values.yaml: values for .*did you mean motor_node"),
-        (("--params-file", "nothere.yaml"), "error: nothere.yaml: no such file"),
-        (("--params-file", "set.yaml"), "error: --params-file: scene of selector_node: given 'x.yaml'; this run sets"),
+        (("--map", "broken.npz"), r"--map: .*broken\.npz: .*NPZ"),
+        (("--params-file", "values.yaml"), r"values\.yaml: .*\bmotor_node"),
+        (("--params-file", "nothere.yaml"), r"nothere\.yaml: no such"),
+        (("--params-file", "set.yaml"), r"--params-file: scene .*selector_node: .*'x\.yaml'"),
     ],
 )
 def test_a_run_is_refused_before_a_node_starts(
@@ -139,7 +136,7 @@ def test_a_run_is_refused_before_a_node_starts(
     (tmp_path / "set.yaml").write_text("/**/selector_node: {ros__parameters: {scene: x.yaml}}\n")
     assert main([command, str(FILE), *words]) == 2
     (error,) = [row for row in capfd.readouterr().err.splitlines() if row.startswith("error: ")]
-    assert re.match(line, error), error
+    assert re.match("error: " + line, error), error
 
 
 def test_a_stand_in_a_domain_that_does_not_exist_is_refused(
@@ -147,4 +144,4 @@ def test_a_stand_in_a_domain_that_does_not_exist_is_refused(
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "233")
     assert main(["stand", str(FILE)]) == 2
-    assert capsys.readouterr().err == "error: ROS_DOMAIN_ID: given '233'; allowed: 0 to 232, or not set\n"
+    assert re.fullmatch(r"error: ROS_DOMAIN_ID: .*'233'; .*\b0 .* 232\b.*\n", capsys.readouterr().err)

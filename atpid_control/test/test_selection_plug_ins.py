@@ -6,18 +6,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import rclpy
 from atpid_interfaces.srv import SelectHeight
-from rclpy.node import Node
+from node_stand import NodeStand
 from rclpy.parameter import Parameter
 
-from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.selection import METHODS, Excitation, SelectionError, make_selector, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
 
-ROOT = Path(__file__).parents[2]
+FILE = Path(__file__).parents[2] / "scenes" / "thesis_4_3.yaml"
+SCENE = load_scene(FILE)
 GOOD = """
 from atpid_control.selection.lookup import FixedSelector
 
@@ -34,113 +33,91 @@ Install = Callable[..., None]
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
-    """Return what installs a distribution with a module, and entry points NAME = MODULE:OBJECT."""
+    """Return what installs a distribution with a module, and the entry point NAME = MODULE:Own."""
     monkeypatch.syspath_prepend(tmp_path)
 
-    def installed(module: str, text: str, *entries: str) -> None:
+    def installed(module: str, text: str = GOOD, name: str = "own") -> None:
         (tmp_path / f"{module}.py").write_text(text)
         info = tmp_path / f"{module}-1.0.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text("\n".join(["[atpid.selectors]", *entries, ""]))
+        (info / "entry_points.txt").write_text(f"[atpid.selectors]\n{name} = {module}:Own\n")
 
     return installed
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
+def controlled_by(method: str) -> Scene:
+    ceiling = SCENE.model_dump(mode="json", exclude_none=True)["ceiling"] | {"controller": method}
+    return SCENE.with_(ceiling=ceiling)
 
 
-def controlled_by(scene: Scene, method: str) -> Scene:
-    ceiling = scene.model_dump(mode="json", exclude_none=True)["ceiling"] | {"controller": method}
-    return scene.with_(ceiling=ceiling)
-
-
-def test_an_installed_selector_is_a_method_like_the_others(install: Install, scene: Scene) -> None:
-    install("plug_in_good", GOOD, "own = plug_in_good:Own")
+def test_an_installed_selector_is_a_method_like_the_others(install: Install) -> None:
+    with pytest.raises(SceneError, match=r"controller: .*'own'; .*'lookup', 'pca', 'direct', 'search' or 'learned'"):
+        controlled_by("own")
+    install("plug_in_good")
     assert methods() == (*METHODS, "own")
-    selector = make_selector("own", scene, Path("own.npz"))
+    selector = make_selector("own", SCENE, Path("own.npz"))
     assert selector.select(Excitation(0.03)).height == 0.2
     assert vars(selector)["height_map"] == Path("own.npz")
-
-
-def test_a_scene_and_the_node_take_an_installed_selector(install: Install, scene: Scene) -> None:
-    allowed = "'lookup', 'pca', 'direct', 'search' or 'learned'"
-    with pytest.raises(SceneError, match=f"controller: given 'own'; allowed: {allowed}"):
-        controlled_by(scene, "own")
-    install("plug_in_scene", GOOD, "own = plug_in_scene:Own")
-    assert getattr(controlled_by(scene, "own").ceiling, "controller", "") == "own"
+    assert getattr(controlled_by("own").ceiling, "controller", "") == "own"
     (row,) = (row for row in selector_table() if row.name == "method")
     assert row.problem("own") == ""
     assert [row for row in SELECTOR if row.name == "method" and row.problem("own")]
 
 
 def test_the_node_selects_by_its_parameter(install: Install) -> None:
-    install("plug_in_node", GOOD, "own = plug_in_node:Own")
-    given = {"scene": str(ROOT / "scenes" / "thesis_4_3.yaml"), "method": "own", "lockstep": True}
-    rclpy.init()
-    executor = TurnExecutor()
-    nodes = (
-        SelectorNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()]),
-        Node("ask"),
+    install("plug_in_node")
+    given = {"scene": str(FILE), "method": "own", "lockstep": True}
+    stand = NodeStand("ask")
+    node = SelectorNode(
+        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()], context=stand.context
     )
     try:
-        for node in nodes:
-            executor.add_node(node)
-        client = nodes[1].create_client(SelectHeight, "selector_node/select")
+        stand.executor.add_node(node)
+        client = stand.nodes[0].create_client(SelectHeight, "selector_node/select")
         assert client.wait_for_service(100.0)
-        answer = client.call_async(SelectHeight.Request(amplitude=0.03))
-        executor.spin_until_future_complete(answer, 100.0)
-        assert (answer.result().method, answer.result().height) == ("own", 0.2)
+        answer = stand.wait(client.call_async(SelectHeight.Request(amplitude=0.03)))
+        assert (answer.method, answer.height) == ("own", 0.2)
     finally:
-        nodes[0].close()
-        for node in nodes:
-            node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()
+        node.close()
+        stand.close()
 
 
 @pytest.mark.parametrize(
-    ("text", "entry", "words"),
+    ("module", "text", "name", "words"),
     [
-        ("", "own = plug_in_{number}:Own", "cannot be loaded: AttributeError: "),
-        ("import no_such_module_here", "own = plug_in_{number}:Own", "cannot be loaded: ModuleNotFoundError: "),
-        ("raise ValueError('two\\nlines')", "own = plug_in_{number}:Own", "cannot be loaded: ValueError: two lines;"),
-        ("def Own(): ...", "own = plug_in_{number}:Own", "cannot be made for this scene: TypeError: "),
-        ("def Own(scene, height_map): ...", "own = plug_in_{number}:Own", "lacks method, simulates, select; needed: "),
-        (GOOD, "another = plug_in_{number}:Own", "its method is 'own'; allowed: the entry point's name"),
+        ("empty", "", "own", ["AttributeError"]),
+        ("importing", "import no_such_module_here", "own", ["ModuleNotFoundError", "no_such_module_here"]),
+        ("raising", "raise ValueError('two\\nlines')", "own", ["ValueError: two lines"]),
+        ("unmade", "def Own(): ...", "own", ["TypeError"]),
+        ("nothing", "def Own(scene, height_map): ...", "own", ["method", "simulates", "select"]),
+        ("renamed", GOOD, "another", ["'own'"]),
     ],
-    ids=range(6),
 )
 def test_a_selector_that_cannot_be_used_is_refused_in_one_line(
-    install: Install, scene: Scene, request: pytest.FixtureRequest, text: str, entry: str, words: str
+    install: Install, module: str, text: str, name: str, words: list[str]
 ) -> None:
-    number = request.node.callspec.id
-    entry = entry.format(number=number)
-    install(f"plug_in_{number}", text, entry)
-    name = entry.partition(" ")[0]
+    install(f"plug_in_{module}", text, name)
     with pytest.raises(SelectionError) as caught:
-        make_selector(name, scene)
-    assert str(caught.value).startswith(f"selector {name} (plug_in_{number}:Own): {words}")
-    assert "\n" not in str(caught.value)
+        make_selector(name, SCENE)
+    line = str(caught.value)
+    assert line.startswith(f"selector {name} (plug_in_{module}:Own): ")
+    assert [word for word in words if word not in line] == []
+    assert "\n" not in line
 
 
-def test_what_a_selector_itself_refuses_stays_its_own_error(install: Install, scene: Scene) -> None:
-    text = "from atpid_control.selection import SelectionError\ndef Own(*_):\n    raise SelectionError('no such beam')"
-    install("plug_in_refuses", text, "own = plug_in_refuses:Own")
-    with pytest.raises(SelectionError, match=r"^no such beam$"):
-        make_selector("own", scene)
+def test_what_a_selector_itself_refuses_stays_its_own_error(install: Install) -> None:
+    text = "from atpid_control.selection import SelectionError\ndef Own(*_):\n    raise SelectionError('beamless')"
+    install("plug_in_refuses", text)
+    with pytest.raises(SelectionError, match=r"^beamless$"):
+        make_selector("own", SCENE)
 
 
 def test_a_name_that_is_taken_is_refused(install: Install) -> None:
-    install("plug_in_first", GOOD, "own = plug_in_first:Own")
-    install("plug_in_second", GOOD, "own = plug_in_second:Own")
-    with pytest.raises(SelectionError, match="plug_in_second:Own has a name that is taken by plug_in_first:Own"):
+    install("plug_in_first")
+    install("plug_in_second")
+    with pytest.raises(SelectionError, match=r"plug_in_second:Own .* plug_in_first:Own"):
         methods()
-
-
-def test_the_name_of_a_built_in_method_is_refused(install: Install) -> None:
-    install("plug_in_lookup", GOOD, "lookup = plug_in_lookup:Own")
-    with pytest.raises(SelectionError, match="plug_in_lookup:Own has a name that is taken by a built-in method"):
+    install("plug_in_lookup", name="lookup")
+    with pytest.raises(SelectionError, match=r"plug_in_lookup:Own .* built-in"):
         methods()

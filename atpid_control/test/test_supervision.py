@@ -3,6 +3,7 @@
 """The rules of supervision: who is silent, what is then permitted, what a stop and a level do."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -22,8 +23,11 @@ TURN = 0.1
 ANSWER_TIME = 0.45
 
 
-def supervision() -> tuple[NodeLiveness, Supervision]:
+def supervision(*answered: str) -> tuple[NodeLiveness, Supervision]:
+    """Return the rules of a graph of which some nodes have answered at 0 s."""
     answers = NodeLiveness(NODES, ANSWER_TIME, TURN)
+    for name in answered:
+        answers.answered(name, 0.0)
     return answers, Supervision(answers, NEEDED)
 
 
@@ -42,9 +46,7 @@ def test_motion_is_permitted_only_while_every_needed_node_has_answered_within_th
             last[NODES[node]] = now
         answers.check(now)
         fresh = all(now - last.get(name, -math.inf) <= ANSWER_TIME for name in NEEDED)
-        late = any(now - last.get(name, -math.inf) > ANSWER_TIME for name in NEEDED)
         assert rules.situation().permit == fresh
-        assert rules.situation().permit != late
 
 
 @given(st.lists(st.sampled_from(["stop", "rearm", "answer", "silence", "end"]), max_size=60))
@@ -54,7 +56,7 @@ def test_a_stop_holds_until_it_is_rearmed_and_never_permits_motion(acts: list[st
     for act in acts:
         now += TURN
         if act == "stop":
-            rules.stop("stopped by the operator")
+            rules.stop("operator")
             stopped = True
         elif act == "rearm":
             stopped = bool(rules.rearm()) and stopped
@@ -89,7 +91,7 @@ def test_each_state_follows_from_who_answers() -> None:
     for turn in range(6, 12):
         answers.check(turn * TURN)
     assert rules.situation().state is RunState.FAULT
-    assert rules.situation().reason == "no answer of identifier_node, selector_node"
+    assert rules.situation().reason.endswith(", ".join(NEEDED))
     assert rules.rearm(), "nothing is armed while a needed node is silent"
     assert rules.given_up(5.0, 10.0) == ""
     assert rules.given_up(10.6, 10.0) == "identifier_node"
@@ -97,24 +99,20 @@ def test_each_state_follows_from_who_answers() -> None:
 
 
 def test_the_end_withdraws_the_permission_and_the_first_reason_of_a_stop_stays() -> None:
-    answers, rules = supervision()
-    for name in NODES:
-        answers.answered(name, 0.0)
+    _, rules = supervision(*NODES)
     assert rules.situation().permit
     rules.end()
     assert (rules.situation().state, rules.situation().permit) == (RunState.SHUTDOWN, False)
-    assert rules.stop("beam_displacement is above its abort level")
-    assert not rules.stop("stopped by the operator")
-    assert rules.stopped == "beam_displacement is above its abort level"
-    assert rules.situation().reason.startswith(rules.stopped)
+    assert rules.stop("level")
+    assert not rules.stop("operator")
+    assert rules.stopped == "level"
+    assert rules.situation().reason.startswith("level")
     assert rules.rearm() == ""
     assert not rules.situation().permit
 
 
 def test_a_node_without_a_process_may_be_away_for_the_restart_time() -> None:
-    answers, rules = supervision()
-    for name in NODES:
-        answers.answered(name, 0.0)
+    answers, rules = supervision(*NODES)
     for turn in range(9):
         answers.check(turn * TURN)
     limits = 10.0, 60.0
@@ -130,18 +128,14 @@ def test_a_node_without_a_process_may_be_away_for_the_restart_time() -> None:
 
 
 def test_time_in_which_the_supervisor_was_held_up_is_no_silence_of_others() -> None:
-    answers, _ = supervision()
-    for name in NODES:
-        answers.answered(name, 0.0)
+    answers, _ = supervision(*NODES)
     answers.check(0.0)
     assert answers.check(3.0) == []
     assert {change.name for turn in range(1, 6) for change in answers.check(3.0 + turn * TURN)} == set(NODES)
 
 
 def test_a_node_that_has_ended_is_silent_at_once_until_it_answers_again() -> None:
-    answers, rules = supervision()
-    for name in NODES:
-        answers.answered(name, 0.0)
+    answers, rules = supervision(*NODES)
     assert answers.check(TURN, ended={NEEDED[0]})[0].name == NEEDED[0]
     assert not rules.situation().permit
     assert answers.check(2 * TURN, ended={NEEDED[0]}) == []
@@ -156,11 +150,7 @@ def test_nodes_that_cannot_be_are_refused(nodes: tuple[str, ...], needed: tuple[
         Supervision(NodeLiveness(nodes, 0.4, TURN), needed)
 
 
-@given(
-    st.lists(st.floats(-20.0, 20.0) | st.floats(allow_nan=True), max_size=50),
-    st.floats(0.1, 10.0),
-    st.floats(0.1, 10.0),
-)
+@given(st.lists(st.floats(-20.0, 20.0) | st.floats(), max_size=50), st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 def test_an_abort_is_given_once_and_by_the_first_value_above_its_level(
     values: list[float], first: float, second: float
 ) -> None:
@@ -176,22 +166,18 @@ def test_an_abort_is_given_once_and_by_the_first_value_above_its_level(
     assert bool(limits.aborted) == bool(above)
 
 
-def test_a_warning_comes_again_after_a_quiet_second() -> None:
+def test_a_warning_comes_again_after_a_quiet_second_and_without_levels_nothing_is_limited() -> None:
     limits = AbortLevels({"beam_displacement": Levels(warning=0.1)})
     times = [time for time in (0.0, 0.5, 1.4, 3.0) if limits.update("beam_displacement", 0.2, time)]
     assert times == [0.0, 3.0]
-
-
-def test_without_levels_nothing_is_limited() -> None:
-    limits = AbortLevels({name: Levels() for name in QUANTITIES})
-    assert not [name for name in QUANTITIES if limits.limited(name)]
-    assert not [name for name in QUANTITIES if limits.update(name, 1e300, 0.0)]
+    unlimited = AbortLevels({name: Levels() for name in QUANTITIES})
+    assert not [name for name in QUANTITIES if unlimited.limited(name) or unlimited.update(name, 1e300, 0.0)]
 
 
 def test_an_aborted_quantity_is_rearmed_only_when_it_is_lower() -> None:
     limits = AbortLevels({"beam_displacement": Levels(abort=0.1)})
     passed = limits.update("beam_displacement", -0.2, 0.0)
-    assert str(passed) == "beam_displacement 0.2 m is above its abort level 0.1 m"
+    assert re.fullmatch(r"beam_displacement 0\.2 m .*abort.* 0\.1 m", str(passed))
     assert limits.still_above({"beam_displacement": -0.2}) == ("beam_displacement",)
     assert limits.still_above({"beam_displacement": 0.01}) == ()
     limits.rearm()
@@ -200,7 +186,7 @@ def test_an_aborted_quantity_is_rearmed_only_when_it_is_lower() -> None:
 
 @pytest.mark.parametrize("levels", [Levels(0.2, 0.1), Levels(math.nan), Levels(abort=-1.0), Levels(0.0, 1.0)])
 def test_levels_that_cannot_be_are_refused(levels: Levels) -> None:
-    with pytest.raises(SupervisionError, match=r"limit of beam_displacement: given .* allowed"):
+    with pytest.raises(SupervisionError, match=r"beam_displacement: .*; allowed"):
         AbortLevels({"beam_displacement": levels})
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A bag with its traces for Foxglove and PlotJuggler; each path in the layouts leads to what its panel can show."""
+"""A bag with its traces for Foxglove and PlotJuggler."""
 
 import math
 from pathlib import Path
@@ -9,25 +9,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_files import BAG, ROOT
+from recorded import LASER, refused
 from rosbags.typesys import Stores, get_typestore
 from traced_file import Traced
 
 from atpid_control.cli import main
 from atpid_control.runs.losses import stamp_of
 from atpid_control.runs.read import Bag, open_bag
-from atpid_control.views.traces.records import MARKERS, NUMBER, TEXT, number
+from atpid_control.views.traces.records import MARKERS, NUMBER, TEXT
 from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.excitation import amplitude_at
 from atpid_sim.simulation.integration import undamped_amplitude
 
-ROOT = next(folder for folder in Path(__file__).resolve().parents if (folder / "bags").is_dir())
-BAG = ROOT / "bags/thesis_4_3_short"
-
 
 @pytest.fixture(scope="module")
 def bag() -> Bag:
     return open_bag(BAG)
+
+
+@pytest.fixture(scope="module")
+def truth(bag: Bag) -> list[Any]:
+    return [block for _, block in bag.messages("/plant/truth")]
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +41,8 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> Traced:
     return Traced(file)
 
 
-# the file
-
-
 def test_every_sample_has_its_number_at_its_time(bag: Bag, traced: Traced) -> None:
-    blocks = [block for _, block in bag.messages("/sensors/laser")]
+    blocks = [block for _, block in bag.messages(LASER)]
     for place, name in enumerate(blocks[0].channels):
         times, values = traced.series(f"/traces/{name}")
         data = np.concatenate([block.data.reshape(-1, len(block.channels))[:, place] for block in blocks])
@@ -59,10 +60,9 @@ def test_the_messages_of_the_bag_are_in_the_file_unchanged(bag: Bag, traced: Tra
         assert [str(message) for message in copied] == [str(message) for message in own]
 
 
-def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> None:
-    truth = [block for _, block in bag.messages("/plant/truth")]
+def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, truth: list[Any], traced: Traced) -> None:
     beam = np.concatenate([block.beam for block in truth])
-    scene = load_scene(ROOT / "bags/thesis_4_3_short.yaml")
+    scene = load_scene(BAG.with_suffix(".yaml"))
     found = {stamp_of(message): message for _, message in bag.messages("/excitation")}
     times, values = traced.series("/traces/efficiency")
     assert len(times) > 50
@@ -75,15 +75,12 @@ def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> 
 
 @pytest.mark.parametrize("name", ["thesis_4_3", "standard"])
 def test_the_closed_damper_is_the_simulated_one(name: str) -> None:
-    scene = load_scene(ROOT / f"scenes/{name}.yaml").with_(
-        excitation={"amplitude": 0.01, "frequency": "resonance"}, duration=60.0
-    )
-    simulated = undamped_amplitude(scene)
-    assert scene.linear_amplitude(0.01, grain=True) == pytest.approx(simulated, rel=2e-3)
+    tone = {"amplitude": 0.01, "frequency": "resonance"}
+    scene = load_scene(ROOT / f"scenes/{name}.yaml").with_(excitation=tone, duration=60.0)
+    assert scene.linear_amplitude(0.01, grain=True) == pytest.approx(undamped_amplitude(scene), rel=2e-3)
 
 
-def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:
-    truth = [block for _, block in bag.messages("/plant/truth")]
+def test_the_damper_stands_as_the_plant_does(truth: list[Any], traced: Traced) -> None:
     beam, grain, ceiling = (np.concatenate([getattr(b, name) for b in truth]) for name in ("beam", "grain", "ceiling"))
     shown = [(time, array) for time, array in traced.messages["/traces/damper"] if len(array.markers) == 4]
     assert len(shown) == pytest.approx(25 * 8, abs=2)  # 25 pictures a second of 8 s
@@ -92,9 +89,12 @@ def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:
         place = round(time * 1e-9 * truth[0].rate)
         thick = parts["floor"].scale.z
         assert {marker.header.frame_id for marker in array.markers} == {"stand"}
-        assert parts["floor"].pose.position.z == pytest.approx(beam[place] - 0.5 * thick)
-        assert parts["ceiling"].pose.position.z == pytest.approx(beam[place] + ceiling[place] + 0.5 * thick)
-        assert parts["grain"].pose.position.z == pytest.approx(grain[place] + 0.5 * parts["grain"].scale.z)
+        heights = {name: parts[name].pose.position.z for name in ("floor", "ceiling", "grain")}
+        assert heights == pytest.approx({
+            "floor": beam[place] - 0.5 * thick,
+            "ceiling": beam[place] + ceiling[place] + 0.5 * thick,
+            "grain": grain[place] + 0.5 * parts["grain"].scale.z,
+        })  # fmt: skip
 
 
 def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path
     assert main(["bag", "traces", str(BAG), "--out", str(file), "--rate", "170"]) == 0
     times, values = Traced(file).series("/traces/beam_displacement")
     all_times, all_values = traced.series("/traces/beam_displacement")
-    every = math.ceil(next(bag.messages("/sensors/laser"))[1].rate / 170.0)
+    every = math.ceil(next(bag.messages(LASER))[1].rate / 170.0)
     assert np.array_equal(times, all_times[::every])
     assert np.array_equal(values, all_values[::every], equal_nan=True)
 
@@ -110,17 +110,8 @@ def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path
 def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "traces.mcap"
     file.write_bytes(b"mine")
-    assert main(["bag", "traces", str(BAG), "--out", str(file)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    refused(capsys, ["bag", "traces", BAG, "--out", file], "traces.mcap: exists")
     assert file.read_bytes() == b"mine"
-
-
-def test_a_number_is_what_the_library_writes() -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    record = number("x", 5, -1.5)
-    read: Any = store.deserialize_cdr(record.data, NUMBER)
-    assert read.data == -1.5
-    assert record.data == bytes(store.serialize_cdr(store.types[NUMBER](-1.5), NUMBER))
 
 
 def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
@@ -137,8 +128,5 @@ def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
     drawn: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(records[-1].data, MARKERS)
     assert [marker.ns for marker in drawn.markers] == ["support", "floor", "ceiling"]
     block.skew = np.array([0.0, 1e308])
-    with pytest.raises(TraceError, match=r"a channel.s delay is 1e\+308 s; allowed: 0 to 1 s"):
+    with pytest.raises(TraceError, match=r"1e\+308 s; .*\b0 to 1 s"):
         list(tracer.push("SampleBlock", block))
-
-
-# the layouts

@@ -6,19 +6,20 @@ import json
 import math
 from pathlib import Path
 
+import bag_files
 import numpy as np
 import pytest
+from bag_files import RATE, ROOT, without_pictures
+from recorded import refused
 
-from atpid_control.analysis.validation.compare import compare, driven_scene
+from atpid_control.analysis.validation.compare import Agreement, compare, driven_scene
 from atpid_control.analysis.validation.measured import Measured
 from atpid_control.cli import main
 from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 
-ROOT = Path(__file__).resolve().parents[2]
-BAG = str(ROOT / "bags/thesis_4_3_short")
-RATE = 1000.0
+BAG, README, STANDARD = str(bag_files.BAG), str(ROOT / "README.md"), str(ROOT / "scenes/standard.yaml")
 
 
 def recorded(scene: Scene, lag: int = 0, offset: float = 0.0, noise: float = 0.0) -> tuple[Measured, Array]:
@@ -41,7 +42,6 @@ def opening() -> Scene:
     return standard_bench(ceiling=ceiling, duration=5.0, steady_window=[4.0, 5.0], tolerance=1e-5)
 
 
-@pytest.mark.slow
 def test_the_bag_that_comes_along_is_its_own_simulation(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["bag", "validate", BAG, "--out", str(out), "--json"]) == 0
@@ -54,22 +54,28 @@ def test_the_bag_that_comes_along_is_its_own_simulation(tmp_path: Path) -> None:
     assert load_scene(out / "scene.yaml").initial is not None
 
 
-@pytest.mark.slow
-def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    stuck = ["bag", "validate", str(ROOT / "bags/laser_stuck"), "--out", str(tmp_path)]
-    assert main(stuck) == 0
-    assert (
-        "not to be trusted: fault at 2.699 s, identifier_node: support_displacement: frozen" in capsys.readouterr().out
-    )
+def test_a_fault_within_the_part_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_pictures(monkeypatch)
+    stuck = ["bag", "validate", str(ROOT / "bags/laser_stuck"), "--out"]
+    assert main([*stuck, str(tmp_path)]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "trusted: " in line)
+    assert {"2.699", "identifier_node:", "support_displacement:", "frozen"} <= set(line.replace(";", "").split())
     assert len(json.loads((tmp_path / "agreement.json").read_text())["faults"]) == 1
-    assert main([*stuck, "--to", "2.4"]) == 0
-    assert "not to be trusted" not in capsys.readouterr().out
+    assert main([*stuck, str(tmp_path / "before"), "--to", "2.4"]) == 0
+    assert "trusted: " not in capsys.readouterr().out
+
+
+def compared(folder: Path, scene: Scene, *others: Scene, **how: float) -> list[Agreement]:
+    """Return how a recording of a scene agrees with that scene, and with others."""
+    measured, data = recorded(scene, **how)  # type: ignore[arg-type]
+    series = table(folder / "support.csv", data[:, :2], "time,support_displacement")
+    return [compare(driven_scene(one, measured, series, None), measured) for one in (scene, *others)]
 
 
 def test_lag_and_offset_of_a_sensor_are_found_and_taken_off(opening: Scene, tmp_path: Path) -> None:
-    measured, data = recorded(opening, lag=7, offset=0.3, noise=20e-6)
-    series = table(tmp_path / "support.csv", data[:, :2], "time,support_displacement")
-    found = compare(driven_scene(opening, measured, series, None), measured)
+    (found,) = compared(tmp_path, opening, lag=7, offset=0.3, noise=20e-6)
     assert found.lag == pytest.approx(7.0 / RATE, abs=1.01 / RATE)
     assert found.rmse < 0.005
     assert found.reproducible
@@ -77,10 +83,8 @@ def test_lag_and_offset_of_a_sensor_are_found_and_taken_off(opening: Scene, tmp_
 
 def test_a_wrong_model_shows(opening: Scene, tmp_path: Path) -> None:
     """One per cent of stiffness moves the resonance by half a per cent and the amplitude by more."""
-    measured, data = recorded(opening)
-    series = table(tmp_path / "support.csv", data[:, :2], "time,support_displacement")
     wrong = opening.with_(beam=opening.to_mapping()["beam"] | {"stiffness": 1.01 * opening.beam.stiffness})
-    right, off = (compare(driven_scene(scene, measured, series, None), measured) for scene in (opening, wrong))
+    right, off = compared(tmp_path, opening, wrong)
     assert right.rmse < 0.005
     assert off.rmse > 3.0 * right.rmse
     assert off.displacement_error > 3.0 * right.displacement_error
@@ -110,32 +114,29 @@ def test_of_a_recording_with_gaps_the_longest_part_without_is_taken(
     data[700:760, 2] = math.nan
     data[5000, 1] = math.nan
     assert validate_decay(tmp_path, data) == 0
-    assert "0.76 to 4.999 s, the longest without a gap" in capsys.readouterr().out
+    assert "0.76 to 4.999 s, " in capsys.readouterr().out
     found = json.loads((tmp_path / "out/agreement.json").read_text())
     assert found["relative_rmse"] < 0.01
     assert (found["begin"], found["end"], found["without_gap"]) == (0.76, pytest.approx(4.999), True)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "parts"),
     [
-        ([BAG, "--from", "3", "--to", "5"], "left out (the ceiling is open at its begin); needed: 5 periods more"),
-        ([BAG, "--from", "9"], "allowed: rising times from 0 to 8 s"),
-        ([BAG, "--from", "1", "--to", "1.05"], "samples in that part; needed: 100"),
-        ([str(ROOT / "README.md")], "not a bag"),
-        ([BAG, "--scene", str(ROOT / "README.md")], "README.md"),
-        ([BAG, "--height", "0.01"], "ceiling.height: given 0.01"),
-        (
-            ["GAPS.csv", "--scene", str(ROOT / "scenes/standard.yaml"), "--from", "1"],
-            "beam_displacement is missing or invalid at 2 s",
-        ),
-        (["HEIGHT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "was not recorded; give --height"),
-        (["HEIGHT.csv"], "no scene was recorded; give one with --scene"),
-        (["SUPPORT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "support_displacement was not recorded"),
+        ([BAG, "--from", "3", "--to", "5"], ["ceiling", " 5 "]),
+        ([BAG, "--from", "9"], [" 0 to 8 s"]),
+        ([BAG, "--from", "1", "--to", "1.05"], ["samples", " 100"]),
+        ([README], ["README.md"]),
+        ([BAG, "--scene", README], ["README.md"]),
+        ([BAG, "--height", "0.01"], ["ceiling.height: given 0.01"]),
+        (["GAPS.csv", "--scene", STANDARD, "--from", "1"], ["beam_displacement", " 2 s"]),
+        (["HEIGHT.csv", "--scene", STANDARD], ["--height"]),
+        (["HEIGHT.csv"], ["--scene"]),
+        (["SUPPORT.csv", "--scene", STANDARD], ["support_displacement"]),
     ],
 )
 def test_what_cannot_be_compared_is_one_line(
-    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], parts: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     time = np.arange(4000) / RATE
     data = np.column_stack([time, 0.01 * np.sin(34.0 * time), 0.1 * np.cos(34.0 * time)])
@@ -144,15 +145,10 @@ def test_what_cannot_be_compared_is_one_line(
     data[2000, 2] = math.nan
     table(tmp_path / "GAPS.csv", data)
     given = [str(tmp_path / word) if word.endswith(".csv") else word for word in arguments]
-    assert main(["bag", "validate", *given, "--out", str(tmp_path / "out")]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert len(captured.err.strip().splitlines()) == 1
-    assert words in captured.err
+    refused(capsys, ["bag", "validate", *given, "--out", tmp_path / "out"], *parts)
 
 
 def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.yaml").write_text("mine")
-    assert main(["bag", "validate", BAG, "--out", str(tmp_path)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    refused(capsys, ["bag", "validate", BAG, "--out", tmp_path], "scene.yaml: exists")
     assert (tmp_path / "scene.yaml").read_text() == "mine"

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from atpid_control.loop.drift import OVERSHOOT, DriftAlarm, DriftSettings, SteadyTwin, WatchError
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
@@ -38,7 +37,6 @@ def beam(commands: tuple[tuple[float, float], ...], seconds: float = 20.0) -> Ar
 
 
 def watched(signal: Array, settings: RumbleSettings = SETTINGS) -> list[tuple[float, bool]]:
-    """Return (time, rumbling) after each block."""
     watch = RumbleWatch(settings)
     return [
         ((first + BLOCK) / RATE, watch.push(first, RATE, signal[first : first + BLOCK], FREQUENCY).rumbling)
@@ -48,23 +46,19 @@ def watched(signal: Array, settings: RumbleSettings = SETTINGS) -> list[tuple[fl
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_false_alarm_while_excitation_ramps_and_ceiling_travels(seed: int) -> None:
-    rng = np.random.default_rng(seed)
     noise = 0.0 if seed == 0 else 0.01 * 0.07 / np.sqrt(2.0)  # 40 dB of the smallest steady response
-    signal = beam(SAFE) + rng.normal(0.0, noise, beam(SAFE).size)
+    signal = beam(SAFE) + np.random.default_rng(seed).normal(0.0, noise, beam(SAFE).size)
     assert not any(rumbling for _, rumbling in watched(signal))
 
 
-@pytest.mark.parametrize(("begin", "end", "onset"), [(3.0, 6.0, 4.2), (9.9, 13.0, 11.15), (13.9, 20.0, 13.9)])
-def test_rumble_is_seen_within_four_periods(begin: float, end: float, onset: float) -> None:
+def test_rumble_is_seen_within_four_periods_and_does_not_flicker() -> None:
     """`onset` is the first period whose amplitude breaks off the smooth course."""
-    seen = [t for t, rumbling in watched(beam(HIGH)) if rumbling and begin < t < end]
-    assert seen
-    assert seen[0] - onset < 4.0 * PERIOD
-
-
-def test_the_alarm_does_not_flicker() -> None:
-    states = [rumbling for t, rumbling in watched(beam(HIGH)) if t > 14.0]
-    assert sum(a != b for a, b in pairwise(states)) <= 2
+    states = watched(beam(HIGH))
+    for begin, end, onset in ((3.0, 6.0, 4.2), (9.9, 13.0, 11.15), (13.9, 20.0, 13.9)):
+        seen = next(t for t, rumbling in states if rumbling and begin < t < end)
+        assert seen - onset < 4.0 * PERIOD
+    late = [rumbling for t, rumbling in states if t > 14.0]
+    assert sum(a != b for a, b in pairwise(late)) <= 2
 
 
 def test_it_ends_when_the_ceiling_has_stepped_back() -> None:
@@ -75,15 +69,11 @@ def test_it_ends_when_the_ceiling_has_stepped_back() -> None:
     assert not any(rumbling for t, rumbling in states.items() if t >= calm)
 
 
-def test_motion_that_repeats_every_second_period_is_no_rumble() -> None:
-    amplitudes: NDArray[np.float64] = 0.07 * (1.0 + 0.1 * (-1.0) ** np.arange(8, dtype=np.float64))
-    scatter, alternation = scatter_of(amplitudes)
+def test_motion_that_repeats_every_second_period_grows_or_decays_is_smooth() -> None:
+    k = np.arange(8)
+    scatter, alternation = scatter_of(0.07 * np.resize(np.array([1.1, 0.9]), 8))
     assert scatter < 0.01
     assert alternation == pytest.approx(0.1, rel=0.01)
-
-
-def test_growing_and_decaying_responses_are_smooth() -> None:
-    k = np.arange(8)
     for course in (np.exp(-0.1 * k), np.exp(0.1 * k), 1.0 - 0.6 * np.exp(-0.3 * k), 1.0 + np.exp(-0.4 * k)):
         assert scatter_of(0.1 * course)[0] < 0.75 * SETTINGS.onset
 
@@ -101,9 +91,9 @@ def test_gaps_and_silence_are_not_judged() -> None:
 
 
 def test_settings_without_hysteresis_are_refused() -> None:
-    with pytest.raises(WatchError, match=r"calm: given 0.1; allowed: above 0 and at most onset"):
+    with pytest.raises(WatchError, match=r"^calm: .*0\.1; .* 0 .*onset"):
         RumbleSettings(onset=0.06, calm=0.1, calm_periods=3, least_amplitude=0.0)
-    with pytest.raises(WatchError, match="tolerance: given 0"):
+    with pytest.raises(WatchError, match=r"^tolerance: .*\b0\b"):
         DriftAlarm(DriftSettings(0.0, 0.01, 1000.0))
 
 
@@ -165,5 +155,7 @@ def test_the_twin_follows_the_beam_and_a_lost_tenth_of_the_grain_is_noticed() ->
         periods += 1
     assert alarm.state.alarm
     assert periods < 15
+    closed = SCENE.linear_amplitude(0.03, FREQUENCY, grain=True)
+    assert twin.expected(0.03, FREQUENCY, 0.0) == pytest.approx(closed, rel=0.01)
     assert np.isnan(twin.expected(np.nan, FREQUENCY, 0.55))
     assert np.isnan(twin.expected(0.015, FREQUENCY, 0.4))

@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 import rclpy
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.srv import GetState
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -64,8 +65,28 @@ class Bench:
             assert time.monotonic() < deadline, "it did not happen"
             self.executor.spin_once(timeout_sec=0.05)
 
-    def has_event(self, words: str) -> bool:
-        return any(words in event.text for event in self.events)
+    def has_event(self, part: str) -> bool:
+        return any(part in event.text for event in self.events)
+
+    def faults(self) -> list[str]:
+        return [event.text for event in self.events if event.kind == Event.FAULT]
+
+    def recovered(self) -> bool:
+        return any(event.kind == Event.RECOVERED for event in self.events)
+
+    @property
+    def status(self) -> DiagnosticStatus:
+        """The last status of the device; before there is any, an empty one."""
+        return self.diagnostics[-1] if self.diagnostics else DiagnosticStatus()
+
+    def lifecycle(self, node: Node) -> str:
+        """Return a node's state, as its service has it."""
+        client = self.peer.create_client(GetState, f"{node.get_name()}/get_state")
+        self.until(client.service_is_ready)
+        future = client.call_async(GetState.Request())
+        self.until(future.done)
+        self.peer.destroy_client(client)
+        return str(future.result().current_state.label)
 
     def close(self) -> None:
         for node in [*self.nodes, self.peer]:

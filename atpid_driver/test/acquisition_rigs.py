@@ -3,9 +3,11 @@
 """The backends for the contract tests: a device, and functions that pull its cable."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from grpc_server import Server
@@ -33,8 +35,6 @@ class Rig:
     swap: Callable[[int], None]
     drop: Callable[[int], None] | None
     """None: this device stops rather than report lost scans."""
-    refused_rate: float
-    """A rate that is not exactly possible, 0 where every rate is."""
 
 
 def channels(first: int, prefix: str, kind: str = "voltage", count: int = 2) -> tuple[Channel, ...]:
@@ -49,59 +49,29 @@ def channels(first: int, prefix: str, kind: str = "voltage", count: int = 2) -> 
 def rig(backend: str, folder: Path, environment: pytest.MonkeyPatch) -> Iterator[Rig]:
     """Set the backend up in this process."""
     if backend == "simulated":
-        yield _simulated()
+        faults = Faults()
+
+        def simulated(serial: int = 0, rate: float = 1000.0, scans: int = 20) -> Acquisition:
+            settings = SimulatedSettings(serial=serial, channels=channels(0, "x"), rate=rate, scans_per_block=scans)
+            return SimulatedAcquisition(settings, faults)
+
+        def change(name: str, value: Any) -> None:
+            setattr(faults, name, value)
+
+        plug, swap, drop = (partial(change, name) for name in ("plugged", "serial", "drop"))
+        yield Rig(simulated, SIMULATED_SERIAL, partial(plug, False), partial(plug, True), swap, drop)
         return
-    libraries = build()
-    control = Control(folder / "control")
-    name = "LJM" if backend == "labjack" else "DAQMX"
-    environment.setenv(f"ATPID_{name}_CONTROL", str(control.path))
+    name, library = ("LJM", "libLabJackM.so") if backend == "labjack" else ("DAQMX", "libnidaqmx.so")
+    environment.setenv(f"ATPID_{name}_CONTROL", str(folder / "control"))
     environment.setenv(f"ATPID_{name}_SOURCE", "sine")
-    if backend == "labjack":
-        yield _vendor(control, lambda **kw: _labjack(libraries, **kw), 999.97, with_drop=True)
-    elif backend == "nidaqmx":
-        yield _vendor(control, lambda **kw: _ni(libraries, "", **kw), 1000.0, with_drop=False)
-    else:
-        with Server(libraries / "libnidaqmx.so") as server:
-            yield _vendor(control, lambda **kw: _ni(libraries, server.address, **kw), 1000.0, with_drop=False)
-    control.close()
+    with closing(Control(folder / "control")) as control, Server(build() / "libnidaqmx.so") as server:
 
+        def vendor(serial: int = 0, rate: float = 1280.0, scans: int = 20) -> Acquisition:
+            values: dict[str, Any] = {"serial": serial, "scans_per_block": scans, "library": str(build() / library)}
+            if backend == "labjack":
+                return LabJackAcquisition(LabJackSettings(channels=channels(0, "AIN"), rate=rate, **values))
+            address = server.address if backend == "nidaqmx-grpc" else ""
+            return NiAcquisition(NiSettings(channels=channels(0, "ai"), rate=rate, grpc=address, **values))
 
-def _simulated() -> Rig:
-    faults = Faults()
-
-    def make(serial: int = 0, rate: float = 1000.0, scans: int = 20) -> Acquisition:
-        settings = SimulatedSettings(serial=serial, channels=channels(0, "x"), rate=rate, scans_per_block=scans)
-        return SimulatedAcquisition(settings, faults)
-
-    def plug(plugged: bool) -> None:
-        faults.plugged = plugged
-
-    def drop(scans: int) -> None:
-        faults.drop += scans
-
-    def swap(serial: int) -> None:
-        faults.serial = serial
-
-    return Rig(make, SIMULATED_SERIAL, lambda: plug(False), lambda: plug(True), swap, drop, 0.0)
-
-
-def _vendor(control: Control, make: Callable[..., Acquisition], refused: float, *, with_drop: bool) -> Rig:
-    return Rig(
-        make, SERIAL, control.unplug, control.replug, control.serial, control.drop if with_drop else None, refused
-    )
-
-
-def _labjack(libraries: Path, serial: int = 0, rate: float = 1000.0, scans: int = 20) -> Acquisition:
-    library = str(libraries / "libLabJackM.so")
-    return LabJackAcquisition(
-        LabJackSettings(serial=serial, channels=channels(0, "AIN"), rate=rate, scans_per_block=scans, library=library)
-    )
-
-
-def _ni(libraries: Path, grpc: str, serial: int = 0, rate: float = 1280.0, scans: int = 20) -> Acquisition:
-    library = str(libraries / "libnidaqmx.so")
-    return NiAcquisition(
-        NiSettings(
-            serial=serial, channels=channels(0, "ai"), rate=rate, scans_per_block=scans, library=library, grpc=grpc
-        )
-    )
+        lose = control.drop if backend == "labjack" else None
+        yield Rig(vendor, SERIAL, control.unplug, control.replug, control.serial, lose)

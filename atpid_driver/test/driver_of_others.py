@@ -1,16 +1,18 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver of another package: publishes a counter at a rate, late, with gaps, jitter and out of order as it is told.
+"""A driver of another package: publishes counters at a rate, late, with gaps, jitter and out of order.
 
-    python driver_of_others.py KIND RATE LOSS JITTER REORDER SECONDS
+    python driver_of_others.py SECONDS [KIND:RATE:LOSS:JITTER:REORDER ...]
 
-KIND: imu, state (both with a stamp), array, number or scans (10 scans of 2 numbers a message). A number published is
-the index of its scan, and the line printed the time of scan 0 [ns]: they state where what arrives belongs.
+KIND: imu, state (both with a stamp), array, number or scans (10 scans of 2 numbers a message), each on others/KIND. A
+number published is the index of its scan, and the line printed the time of scan 0 [ns]: they state where what arrives
+belongs.
 """
 
 import random
 import sys
 import time
+from collections.abc import Iterator
 from importlib import import_module
 
 import rclpy
@@ -20,6 +22,8 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64, Float64MultiArray
 
 from atpid_common.nodes.messages import time_of
+
+STAMPED = ("imu", "state")
 
 
 def message(kind: str, index: int, stamp_ns: int) -> object:
@@ -39,30 +43,37 @@ def message(kind: str, index: int, stamp_ns: int) -> object:
     return Float64MultiArray(data=[float(index), -float(index)])
 
 
+def plan(
+    kind: str, rate: float, loss: float, jitter: float, reorder: float, *, seconds: float
+) -> Iterator[tuple[float, str, int, float]]:
+    """Yield when each message is published [s], of which kind, its index, and its stamp after the begin [s]."""
+    chance, last = random.Random(1), 0.0
+    for index in range(int(seconds * rate)):
+        due = index / rate
+        if loss and due > 3.0 and chance.random() < loss:
+            continue
+        stamp = due + (chance.uniform(-0.2, 0.2) / rate if jitter else 0.0)
+        delay = chance.expovariate(1.0 / jitter) if jitter else 0.0
+        if kind not in STAMPED:  # nothing in a message would state its place
+            last = max(due + delay, last)
+            delay = last - due
+        yield due + delay + (3.0 / rate if chance.random() < reorder else 0.0), kind, index, stamp
+
+
 def main() -> None:
-    kind, (rate, loss, jitter, reorder, seconds) = sys.argv[1], map(float, sys.argv[2:])
+    seconds, streams = float(sys.argv[1]), [stream.split(":") for stream in sys.argv[2:]]
     rclpy.init(args=[])
-    node, chance = Node("driver_of_others"), random.Random(1)
-    publisher = node.create_publisher(type(message(kind, 0, 0)), "imu/data", QoSProfile(depth=1000))
-    period, waiting = 1.0 / rate, list[tuple[float, int, int]]()  # when, index, stamp
+    node = Node("driver_of_others")
+    publishers = {
+        kind: node.create_publisher(type(message(kind, 0, 0)), f"others/{kind}", QoSProfile(depth=1000))
+        for kind, *_ in streams
+    }
+    due = sorted(one for kind, *how in streams for one in plan(kind, *map(float, how), seconds=seconds))
     began, wall = time.monotonic(), time.time_ns()
     print(wall, flush=True)
-    index, last = 0, 0.0
-    while time.monotonic() < began + seconds:
-        due = began + index * period
-        if not (loss and index * period > 3.0 and chance.random() < loss):
-            shaken = wall + round((index * period + chance.uniform(-0.2, 0.2) * (jitter > 0.0) * period) * 1e9)
-            delay = chance.expovariate(1.0 / jitter) if jitter else 0.0
-            if kind not in ("imu", "state"):  # nothing in a message would state its place
-                delay = max(delay, last - due)
-                last = due + delay
-            waiting.append((due + delay + (3.0 * period if chance.random() < reorder else 0.0), index, shaken))
-        index += 1
-        waiting.sort()
-        while waiting and waiting[0][0] < began + index * period:
-            at, number, stamp = waiting.pop(0)
-            time.sleep(max(0.0, at - time.monotonic()))
-            publisher.publish(message(kind, number, stamp))
+    for at, kind, index, stamp in due:
+        time.sleep(max(0.0, began + at - time.monotonic()))
+        publishers[kind].publish(message(kind, index, wall + round(stamp * 1e9)))
     node.destroy_node()
     rclpy.shutdown()
 

@@ -1,9 +1,12 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A motor node and a node that commands it, for the tests that run over real DDS."""
+"""A motor node, in this process or its own, and a node that commands it, for the tests that run over real DDS."""
 
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import nan
 from typing import Any
 
@@ -29,10 +32,25 @@ SIMULATED: dict[str, Any] = {
     "speed": 0.3,
     "initial_height": 0.017,
 }
-
-
 #: Time from one command to the next [s].
 BLOCK = 0.05
+
+
+def arguments(**parameters: object) -> list[str]:
+    """Return the parameters as arguments of a node."""
+    return ["--ros-args", *(word for name, value in parameters.items() for word in ("-p", f"{name}:={value}"))]
+
+
+@contextmanager
+def motor_process(**parameters: object) -> Iterator["subprocess.Popen[str]"]:
+    """Run the motor node as `ros2 run` starts it; kill it at the end."""
+    command = [sys.executable, "-m", "atpid_driver.nodes.motor_node", *arguments(**parameters)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 class Stand:
@@ -46,9 +64,9 @@ class Stand:
         self.executor.add_node(self.peer)
         self.states: list[CeilingState] = []
         self.events: list[Event] = []
+        self.statuses: list[DiagnosticStatus] = []
         self.peer.create_subscription(CeilingState, "ceiling/state", self.states.append, 100)
         self.peer.create_subscription(Event, "events", self.events.append, 100)
-        self.statuses: list[DiagnosticStatus] = []
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.statuses.extend(m.status), 10)
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
 
@@ -57,6 +75,14 @@ class Stand:
         node = MotorNode(parameter_overrides=values, context=self.context)
         self.executor.add_node(node)
         return node
+
+    @property
+    def state(self) -> CeilingState:
+        """The last state; unlike any published one where there is none."""
+        return self.states[-1] if self.states else CeilingState(mode=99)
+
+    def texts(self, kind: str) -> list[str]:
+        return [event.text for event in self.events if event.kind == kind]
 
     def until(
         self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 100.0
@@ -71,6 +97,30 @@ class Stand:
                 due = now + BLOCK  # as often as the loop does: a flood starves the port's thread of this interpreter
             self.executor.spin_once(timeout_sec=0.02)
 
+    def until_mode(self, mode: int, act: Callable[[], None] = lambda: None) -> None:
+        self.until(lambda: self.state.mode == mode, act)
+
+    def until_moving(self, height: float, act: Callable[[], None]) -> None:
+        self.until(lambda: self.state.mode == CeilingState.MOVING and self.state.target == height, act)
+
+    def until_at(self, height: float) -> None:
+        """Wait until the motor holds `height` [m]; arm it again where this process stood still past the heartbeat."""
+
+        def arrived() -> bool:
+            state = self.state
+            if state.mode == CeilingState.FAULT:
+                self.states.clear()
+                self.trigger("rearm")
+            return bool(state.mode == CeilingState.HOLDING and abs(state.height - height) < 3e-3)
+
+        self.until(arrived)
+
+    def more_states(self, count: int, act: Callable[[], None] = lambda: None) -> set[int]:
+        """Wait for so many further states; return their modes."""
+        self.states.clear()
+        self.until(lambda: len(self.states) >= count, act)
+        return {state.mode for state in self.states}
+
     def command(self, height: float, stamp: float, sequence: int = 1, *, handshake: bool = False) -> None:
         seconds = int(stamp)
         header = Header(stamp=TimeMsg(sec=seconds, nanosec=round((stamp - seconds) * 1e9)), frame_id="selector_node")
@@ -82,32 +132,19 @@ class Stand:
         return self.states[0]
 
     def ask(self, height: float, stamp: float, sequence: int = 1) -> CeilingState:
-        """Command, and wait for the one state that answers."""
-        self.until_quiet()
-        self.states.clear()
+        """Command in lockstep, and wait for the state that answers."""
+        count = len(self.states)
         self.command(height, stamp, sequence)
-        self.until(lambda: self.states)
+        self.until(lambda: len(self.states) > count)
         return self.states[-1]
 
     def until_quiet(self) -> None:
-        """Take in what is still on its way from the handshake, in lockstep: otherwise the motor publishes on."""
+        """Take in what is still on its way in lockstep; in real time the motor publishes on."""
         count = -1
         while count != len(self.states):
             count = len(self.states)
             for _ in range(5):
                 self.executor.spin_once(timeout_sec=0.02)
-
-    def until_at(self, height: float) -> None:
-        """Wait until the motor holds `height` [m]; arm it again where this process stood still past the heartbeat."""
-
-        def arrived() -> bool:
-            state = self.states[-1] if self.states else CeilingState()
-            if state.mode == CeilingState.FAULT:
-                self.states.clear()
-                self.call(Trigger, "motor_node/rearm", Trigger.Request())
-            return bool(state.mode == CeilingState.HOLDING and abs(state.height - height) < 3e-3)
-
-        self.until(arrived)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.peer.create_client(kind, name)
@@ -117,13 +154,14 @@ class Stand:
         self.peer.destroy_client(client)
         return future.result()
 
+    def trigger(self, name: str) -> Trigger.Response:
+        """Call `stop` or `rearm` of the motor node."""
+        return self.call(Trigger, f"motor_node/{name}", Trigger.Request())
+
     def change(self, transition: int) -> bool:
         """Ask for a lifecycle transition; return whether it succeeded."""
         request = ChangeState.Request(transition=Transition(id=transition))
         return bool(self.call(ChangeState, "motor_node/change_state", request).success)
-
-    def kinds(self) -> list[str]:
-        return [event.kind for event in self.events]
 
     def close_motor(self) -> None:
         """End the motor node while its board is still there."""

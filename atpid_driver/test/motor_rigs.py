@@ -3,6 +3,7 @@
 """What the motor's tests share: the emulated board, a scripted port, and waiting for events."""
 
 import os
+import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -23,20 +24,28 @@ SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, 
 def need_emulator() -> None:
     """Skip a test, with the reason, where the AVR tools are missing; in CI that is a failure."""
     missing = missing_tools()
-    if not missing:
-        return
-    text = (
-        f"left out: the real firmware on the emulated board; missing {', '.join(missing)}: apt-get install {PACKAGES}"
-    )
-    if os.environ.get("CI") == "true":
-        pytest.fail(text)
-    pytest.skip(text)
+    if missing:
+        text = f"left out: the real firmware on the emulated board; missing {', '.join(missing)}: {PACKAGES}"
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(text)
+
+
+def words(text: str) -> set[str]:
+    """Return the words, names and numbers of a message."""
+    return set(re.findall(r"[\w./]*\w", text))
 
 
 def board(folder: Path, **options: Any) -> Emulator:
     """Return the emulated board with its port at folder/board and an EEPROM of its own."""
     need_emulator()
     return Emulator(folder / "board", eeprom=folder / "eeprom", **options)
+
+
+def running_board(folder: Path, **options: Any) -> Emulator:
+    """Return the board with a bootloader, which opening its port restarts, at real pace, its ceiling near the top."""
+    given: dict[str, Any] = {"height": 0.99, "bootloader": 0.05, "reset_on_open": True}
+    emulator = board(folder, **given | options)
+    emulator.pace(1.0)
+    return emulator
 
 
 def settings(folder: Path, **change: Any) -> MotorSettings:

@@ -1,9 +1,8 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The wiring of the emulated stand: plant blocks become volts, the real client package reads them, metres come back."""
+"""The wiring of the emulated stand, and a laser that dies or freezes: plant blocks become volts, metres come back."""
 
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from atpid_common.nodes.handshake import empty_block
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, doubles
@@ -25,16 +25,14 @@ CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    made.close()
+    with closing(Bench()) as made:
+        yield made
 
 
 def plant_block(first: int, values: np.ndarray, rate: float = 1000.0) -> SampleBlock:
     return SampleBlock(first_index=first, rate=rate, channels=CHANNELS, data=doubles(values))
 
 
-@pytest.mark.slow
 def test_the_plants_metres_come_back_through_the_device(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,24 +84,21 @@ def test_the_plants_metres_come_back_through_the_device(
     assert last.dropped == 0
 
 
-def test_the_motors_states_are_passed_on(bench: Bench, tmp_path: Path) -> None:
+def test_the_motors_states_are_passed_on_and_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None:
     passed: list[CeilingState] = []
     bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", passed.append, STATES)
-    bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
+    node = bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
+    bench.until(lambda: bench.diagnostics)
+    assert bench.status.name.startswith("feed_node: ")
+    assert {"waiting", "sensors/laser", str(tmp_path / "feed")} <= set(bench.status.message.split())
     bench.until(lambda: bench.state.get_subscription_count())
     state = CeilingState(height=0.25, mode=CeilingState.MOVING)
     state.header.frame_id = "motor_node"
-    handshake = CeilingState()
-    handshake.handshake = True
     while not passed:
-        bench.state.publish(handshake)
+        bench.state.publish(CeilingState(handshake=True))
         bench.state.publish(state)
         bench.executor.spin_once(timeout_sec=0.05)
     assert {(one.header.frame_id, one.height) for one in passed} == {("motor_node", 0.25)}
-
-
-def test_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None:
-    node = bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
     assert (tmp_path / "feed").exists()
     bench.nodes.clear()
     bench.executor.remove_node(node)
@@ -111,56 +106,115 @@ def test_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None
     assert not (tmp_path / "feed").exists()
 
 
-def test_another_file_in_the_feeds_place_stays(tmp_path: Path) -> None:
-    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0)):
-        (tmp_path / "feed").unlink()
-        (tmp_path / "feed").write_text("mine")
-    assert (tmp_path / "feed").read_text() == "mine"
-    with pytest.raises(StandinError, match="cannot be made: No such file"):
-        Feed(tmp_path / "nowhere" / "feed", channels=2, rate=1000.0)
+def test_a_node_that_cannot_feed_is_refused_and_replaces_no_file(bench: Bench, tmp_path: Path) -> None:
+    feed, mine = str(tmp_path / "feed"), tmp_path / "thesis.tex"
+    mine.write_text("mine")
+    wrong: list[tuple[dict[str, object], str]] = [
+        ({"calibrations": CALIBRATIONS}, "feed_node.*feed"),
+        ({"feed": feed, "calibrations": CALIBRATIONS, "rest": [0.0, 0.0, 0.0]}, r"rest.*0\.0, 0\.0, 0\.0.* 2 "),
+        ({"feed": str(mine)}, r"thesis\.tex"),
+    ]
+    for values, parts in wrong:
+        with pytest.raises(DriverError, match=parts):
+            bench.start(FeedNode, **values)
+    assert mine.read_text() == "mine"
+    Feed(Path(feed), channels=2, rate=1000.0)  # left behind by a killed node
+    bench.start(FeedNode, feed=feed)
 
 
-def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:
-    with pytest.raises(DriverError, match="feed_node needs"):
-        bench.start(FeedNode, calibrations=CALIBRATIONS)
-
-
-def test_a_reading_at_rest_for_another_number_of_channels_is_refused(bench: Bench, tmp_path: Path) -> None:
-    with pytest.raises(DriverError, match="allowed: one number, or one for each of 2 calibrations"):
-        bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS, rest=[0.0, 0.0, 0.0])
-
-
-def test_a_file_that_is_no_feed_is_neither_replaced_nor_removed(bench: Bench, tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(DriverError, match="exists and is no feed"):
-        bench.start(FeedNode, feed=str(tmp_path / "thesis.tex"))
-    assert (tmp_path / "thesis.tex").read_text() == "mine"
-    Feed(tmp_path / "feed", channels=2, rate=1000.0)  # left behind by a killed node
-    bench.start(FeedNode, feed=str(tmp_path / "feed"))
-
-
-@pytest.mark.slow
-def test_a_feed_reports_what_it_waits_for(bench: Bench, tmp_path: Path) -> None:
-    bench.start(FeedNode, feed=str(tmp_path / "feed"))
-    bench.until(lambda: bench.diagnostics)
-    status = bench.diagnostics[-1]
-    assert (status.name, status.hardware_id) == ("feed_node: feed", "emulated device")
-    assert status.message == f"waiting for sensors/laser of the device that reads {tmp_path / 'feed'}"
-
-
-def test_a_feed_keeps_its_newest_frames_and_checks_their_width(tmp_path: Path) -> None:
+def test_a_feed_keeps_its_newest_frames_and_touches_no_other_file(tmp_path: Path) -> None:
     with closing(Feed(tmp_path / "feed", channels=2, rate=100.0, capacity=8)) as feed:
         feed.write(np.arange(40.0).reshape(20, 2))
         assert feed.written == 20
         with pytest.raises(StandinError, match="2 volts"):
             feed.write(np.zeros((3, 1)))
-    with pytest.raises(StandinError, match="positive"):
+        (tmp_path / "feed").unlink()
+        (tmp_path / "feed").write_text("mine")
+    assert (tmp_path / "feed").read_text() == "mine"
+    with pytest.raises(StandinError, match="feed of 0 "):
         Feed(tmp_path / "feed", channels=0, rate=100.0)
-
-
-def test_another_file_is_not_taken_for_a_control(tmp_path: Path) -> None:
+    with pytest.raises(StandinError, match="nowhere"):
+        Feed(tmp_path / "nowhere" / "feed", channels=2, rate=1000.0)
     path = tmp_path / "notes.txt"
     path.write_text("x" * 5000)
-    with pytest.raises(StandinError, match="control file"):
+    with pytest.raises(StandinError, match=r"notes\.txt"):
         Control(path)
-    assert os.path.getsize(path) == 5000
+    assert path.stat().st_size == 5000
+
+
+SUPPORT, BEAM = "support_displacement", "beam_displacement"
+
+
+class Lasers:
+    """Two lasers behind LabJack's own package, which see a stand in the time of the feed: faster than the clock's."""
+
+    def __init__(self, bench: Bench, feed: Feed) -> None:
+        self.bench, self.feed, self._random = bench, feed, np.random.default_rng(3)
+        self.support: float | None = None  # what the support's laser gives instead of its reading [V]
+        channels = {"channels": [SUPPORT, BEAM], "terminals": ["AIN0", "AIN1"]}
+        files = {"calibrations": ["laser_support.yaml", "laser_beam.yaml"]}
+        library = str(build() / "libLabJackM.so")
+        bench.start(LabJackNode, rate=1000.0, library=library, handshake=False, **channels, **files)
+        self.until(lambda: bench.blocks)
+
+    def until(self, what: Callable[[], object]) -> None:
+        """Let the lasers see noise and a vibration of the beam until something has happened."""
+        bench = self.bench
+
+        def happened() -> bool:
+            if self.feed.written < 50 * (len(bench.blocks) + 4):
+                t = (self.feed.written + np.arange(50)) / 1000.0
+                volts = 3.0 + np.outer(np.sin(2.0 * np.pi * 5.5 * t), [0.0, 0.5])
+                volts += self._random.normal(0.0, 2.7e-4, volts.shape)
+                if self.support is not None:
+                    volts[:, 0] = self.support
+                self.feed.write(volts)
+            return bool(what())
+
+        bench.until(happened)
+
+    def stand(self, seconds: float, support: float | None = None) -> None:
+        """Go on for some seconds of the feed."""
+        self.support = support
+        end = len(self.bench.blocks) + round(seconds / 0.05)
+        self.until(lambda: len(self.bench.blocks) >= end)
+
+
+@pytest.fixture
+def lasers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lasers]:
+    bench = Bench()
+    monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{tmp_path / 'feed'}")
+    monkeypatch.setenv("ATPID_LJM_CONTROL", str(tmp_path / "no-faults"))
+    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0)) as feed:
+        yield Lasers(bench, feed)
+        bench.close()
+
+
+def test_a_laser_that_dies_or_freezes_is_an_event_a_status_and_nan_and_so_is_its_return(lasers: Lasers) -> None:
+    bench = lasers.bench
+    lasers.stand(10.0)
+    assert bench.faults() == []  # of a support at rest
+    lasers.until(lambda: SUPPORT in bench.channels)
+    assert bench.channels[SUPPORT].level == DiagnosticStatus.OK
+    for volts, parts in ((0.2, {"0.200", "0.9"}), (3.1, {"3.100", "1"})):
+        bench.events.clear()
+        lasers.stand(2.0, support=volts)
+        lasers.until(bench.faults)
+        (fault,) = (event for event in bench.events if event.kind == Event.FAULT)
+        assert fault.severity == Event.ALARM
+        assert {f"{SUPPORT}:", *parts} <= set(fault.text.split())
+        assert fault.value == pytest.approx(volts)
+        # at once, not with the next second
+        lasers.until(lambda: bench.channels[SUPPORT].level == DiagnosticStatus.ERROR)
+        status = bench.channels[SUPPORT]
+        assert fault.text == f"{SUPPORT}: {status.message}"
+        assert {pair.key: pair.value for pair in status.values}["reading [V]"] == f"{volts:.4f}"
+        assert bench.channels[BEAM].level == DiagnosticStatus.OK
+        data = np.frombuffer(bench.blocks[-1].data).reshape(-1, 2)
+        assert np.isnan(data[:, 0]).all()
+        assert np.isfinite(data[:, 1]).all()
+        lasers.stand(2.5)
+        lasers.until(bench.recovered)
+        lasers.stand(0.1)
+        assert np.isfinite(np.frombuffer(bench.blocks[-1].data)).all()
+        assert len(bench.faults()) == 1

@@ -1,85 +1,79 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The acquisition nodes: lifecycle, handshake, messages, diagnostics, and every fault by name."""
+"""The acquisition nodes: lifecycle, handshake, messages, diagnostics, every fault by name; backends of entry points."""
 
 import math
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from acquisition_bench import TIMEOUT, Bench
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus
-from lifecycle_msgs.msg import State
 
+from atpid_common.nodes.parameters import ParameterError
+from atpid_driver.acquisition import SetupRefusedError
+from atpid_driver.acquisition.registry import backend
+from atpid_driver.acquisition.registry import names as backend_names
+from atpid_driver.nodes import acquisition_node, labjack_node, ni_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.ni_node import NiNode
 from atpid_driver.standins import Control, build
-
-pytestmark = pytest.mark.slow
 
 LIBRARIES = build()
 
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    made.close()
+    with closing(Bench()) as made:
+        yield made
 
 
 @pytest.fixture
 def t7(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Control]:
-    control = Control(tmp_path / "t7")
-    monkeypatch.setenv("ATPID_LJM_CONTROL", str(control.path))
+    monkeypatch.setenv("ATPID_LJM_CONTROL", str(tmp_path / "t7"))
     monkeypatch.setenv("ATPID_LJM_SOURCE", "sine")
-    yield control
-    control.close()
+    with closing(Control(tmp_path / "t7")) as control:
+        yield control
 
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Control]:
-    control = Control(tmp_path / "module")
-    monkeypatch.setenv("ATPID_DAQMX_CONTROL", str(control.path))
+    monkeypatch.setenv("ATPID_DAQMX_CONTROL", str(tmp_path / "module"))
     monkeypatch.setenv("ATPID_DAQMX_SOURCE", "sine:offset=0,amplitude=0.5,frequency=50")
-    yield control
-    control.close()
+    with closing(Control(tmp_path / "module")) as control:
+        yield control
 
 
 def laser(**changes: object) -> dict[str, object]:
-    values: dict[str, object] = {
-        "rate": 1000.0,
-        "channels": ["support_displacement", "beam_displacement"],
-        "terminals": ["AIN0", "AIN1"],
-        "calibrations": ["laser_support.yaml", "laser_beam.yaml"],
-        "library": str(LIBRARIES / "libLabJackM.so"),
-        "handshake": False,
-    }
-    return values | changes
+    return {
+        "rate": 1000.0, "channels": ["support_displacement", "beam_displacement"], "terminals": ["AIN0", "AIN1"],
+        "calibrations": ["laser_support.yaml", "laser_beam.yaml"], "library": str(LIBRARIES / "libLabJackM.so"),
+        "handshake": False, **changes,
+    }  # fmt: skip
 
 
 def acceleration(**changes: object) -> dict[str, object]:
-    values: dict[str, object] = {
-        "rate": 1280.0,
-        "channels": ["beam_acceleration"],
-        "terminals": ["ai0"],
-        "kinds": ["iepe"],
-        "calibrations": ["accelerometer.yaml"],
-        "library": str(LIBRARIES / "libnidaqmx.so"),
-        "blocks_per_second": 20.0,
-        "handshake": False,
-    }
-    return values | changes
+    return {
+        "rate": 1280.0, "channels": ["beam_acceleration"], "terminals": ["ai0"], "kinds": ["iepe"],
+        "calibrations": ["accelerometer.yaml"], "library": str(LIBRARIES / "libnidaqmx.so"),
+        "blocks_per_second": 20.0, "handshake": False, **changes,
+    }  # fmt: skip
 
 
-def label(node: AcquisitionNode) -> str:
-    return str(node._state_machine.current_state[1])
+def every_scan_is_there_or_counted(bench: Bench) -> bool:
+    scans = sum(len(block.data) // len(block.channels) for block in bench.blocks)
+    last = bench.blocks[-1]
+    end = last.first_index + len(last.data) // len(last.channels)
+    return bool(bench.blocks[0].first_index + scans + last.dropped == end)
 
 
 def test_laser_blocks_are_metres_with_true_stamps_and_skew(bench: Bench, t7: Control) -> None:
@@ -101,7 +95,7 @@ def test_laser_blocks_are_metres_with_true_stamps_and_skew(bench: Bench, t7: Con
     expected = 0.075 * np.sin(2 * np.pi * 5.0 * seconds + np.array([0.0, np.pi / 4]))
     assert np.abs(data - expected).max() < 1e-9
     (started,) = (event for event in bench.events if event.kind == Event.STARTED)
-    assert started.text == "labjack:470012345 streams 2 channels at 1000 Hz"
+    assert {"labjack:470012345", "2", "1000"} <= set(started.text.split())
     assert started.header.stamp == first.header.stamp
 
 
@@ -114,17 +108,21 @@ def test_accelerations_are_metres_per_second_squared(bench: Bench, module: Contr
 
 
 def test_a_handshake_precedes_the_first_sample(bench: Bench, t7: Control) -> None:
-    node = bench.start(LabJackNode, **laser(handshake=True, expect_recorder=True))
+    bench.start(LabJackNode, **laser(handshake=True, expect_recorder=True))
     bench.until(lambda: len(bench.handshakes) >= 3 and any(event.handshake for event in bench.events))
     assert list(bench.handshakes[0].units) == ["m", "m"]
     assert len(bench.handshakes[0].data) == 0
     assert bench.handshakes[0].header.stamp.sec == 0
-    answer = CeilingState()
-    answer.handshake = True
-    bench.state.publish(answer)
+    no_handshake = CeilingState()
+    no_handshake.header.frame_id = "motor_node"
+    bench.state.publish(no_handshake)
+    seen = len(bench.handshakes)
+    bench.until(lambda: len(bench.handshakes) >= seen + 4)
+    bench.until(lambda: re.search("wait.*ceiling/state", bench.status.message))
+    bench.state.publish(CeilingState(handshake=True))
     topics = ["/sensors/laser", "/excitation", "/diagnostics"]
     bench.recorder.publish(RecorderStatus(recording=True, topics=topics, received=[2, 0, 0], written=[0, 0, 0]))
-    bench.until(lambda: node._handshake is not None and "excitation" in node._handshake.waiting_for())
+    bench.until(lambda: re.search("wait.*excitation", bench.status.message))
     assert not bench.blocks
     bench.recorder.publish(
         RecorderStatus(recording=True, topics=topics, received=[2, 1, 0], written=[0, 0, 0])
@@ -136,60 +134,41 @@ def test_a_handshake_precedes_the_first_sample(bench: Bench, t7: Control) -> Non
     assert len(bench.handshakes) == count
 
 
-def test_an_answer_that_is_no_handshake_starts_nothing(bench: Bench, t7: Control) -> None:
-    node = bench.start(LabJackNode, **laser(handshake=True))
-    bench.until(lambda: len(bench.handshakes) >= 1)
-    answer = CeilingState()
-    answer.header.frame_id = "motor_node"
-    bench.state.publish(answer)
-    seen = len(bench.handshakes)
-    bench.until(lambda: len(bench.handshakes) >= seen + 4)
-    assert node._handshake is not None
-    assert not bench.blocks
-
-
 def test_life_by_hand(bench: Bench, t7: Control) -> None:
     node = bench.start(LabJackNode, **laser(autostart=False))
-    assert label(node) == "unconfigured"
+    assert bench.lifecycle(node) == "unconfigured"
+    bench.until(lambda: bench.diagnostics)
+    assert bench.status.hardware_id == "none"
+    assert bench.status.message.startswith("no ")
     node.trigger_configure()
-    assert label(node) == "inactive"
+    assert bench.lifecycle(node) == "inactive"
     node.trigger_activate()
     bench.until(lambda: len(bench.blocks) >= 2)
     node.trigger_deactivate()
-    assert label(node) == "inactive"
-    assert node._state_machine.current_state[0] == State.PRIMARY_STATE_INACTIVE
-    bench.until(lambda: any(status.message == "connected" for status in bench.diagnostics))
+    assert bench.lifecycle(node) == "inactive"
+    bench.until(lambda: bench.status.message == "connected")
     bench.blocks.clear()
     node.trigger_activate()
     bench.until(lambda: bench.blocks)
     assert bench.blocks[0].first_index == 0  # a new stream
     node.trigger_deactivate()
     node.trigger_cleanup()
-    assert label(node) == "unconfigured"
-
-
-def test_diagnostics_come_while_nothing_streams(bench: Bench, t7: Control) -> None:
-    bench.start(LabJackNode, **laser(autostart=False))
-    bench.until(lambda: bench.diagnostics)
-    status = bench.diagnostics[-1]
-    assert (status.name, status.hardware_id) == ("labjack_node: acquisition", "none")
-    assert status.message == "no device"
+    assert bench.lifecycle(node) == "unconfigured"
 
 
 def test_diagnostics_carry_serial_rate_backlog_drops_and_drift(bench: Bench, t7: Control) -> None:
     bench.start(LabJackNode, **laser())
-    bench.until(lambda: any("streaming" in status.message for status in bench.diagnostics))
-    status = bench.diagnostics[-1]
-    assert status.hardware_id == "470012345"
-    values = {pair.key: pair.value for pair in status.values}
+    bench.until(lambda: "streaming" in bench.status.message)
+    assert bench.status.hardware_id == "470012345"
+    values = {pair.key: pair.value for pair in bench.status.values}
     assert float(values["rate [Hz]"]) == 1000.0
     assert math.isfinite(float(values["backlog [scans]"]))
     names = {"dropped [scans]", "last error", "clock drift [ppm]", "clock offset [s]", "next index", "interruptions"}
     assert names <= values.keys()
     t7.drop(40)
-    bench.until(lambda: bench.has_event("40 scans lost"))
+    bench.until(lambda: bench.has_event("40"))
     bench.until(lambda: any(block.dropped == 40 for block in bench.blocks))
-    bench.until(lambda: any("scans lost in the last second" in status.message for status in bench.diagnostics))
+    bench.until(lambda: "40" in bench.status.message)
 
 
 @pytest.mark.parametrize(
@@ -205,31 +184,28 @@ def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(
     device: Control = request.getfixturevalue(control)
     device.unplug()
     node = bench.start(kind, **parameters())
-    bench.until(lambda: bench.has_event("cannot configure"))
-    assert label(node) == "unconfigured"
+    bench.until(lambda: bench.faults())
+    assert bench.lifecycle(node) == "unconfigured"
     device.replug()
     bench.until(lambda: len(bench.blocks) >= 2)
     device.unplug()
     bench.until(lambda: bench.has_event("trying again"))
     device.replug()
-    bench.until(lambda: bench.has_event("streaming again"))
+    bench.until(lambda: bench.recovered())
     count = len(bench.blocks)
     bench.until(lambda: len(bench.blocks) > count + 1)
-    faults = [event.text for event in bench.events if event.kind == "fault"]
+    faults = bench.faults()
     assert len(faults) == len(set(faults)) <= 3
     assert all("\n" not in text for text in faults)
-    scans = sum(len(block.data) // len(block.channels) for block in bench.blocks)
-    last = bench.blocks[-1]
-    end = last.first_index + len(last.data) // len(last.channels)
-    assert bench.blocks[0].first_index + scans + last.dropped == end  # every scan is there or counted
+    assert every_scan_is_there_or_counted(bench)
 
 
 def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> None:
     t7.serial(99)
     node = bench.start(LabJackNode, **laser(serial=470012345))
-    bench.until(lambda: bench.has_event("the T7 has serial number 99, expected 470012345"))
-    assert label(node) == "unconfigured"
-    bench.until(lambda: any("serial number 99" in status.message for status in bench.diagnostics))
+    bench.until(lambda: any({"T7", "99,", "470012345:"} <= set(text.split()) for text in bench.faults()))
+    assert bench.lifecycle(node) == "unconfigured"
+    bench.until(lambda: " 99," in bench.status.message)
     t7.serial(470012345)
     bench.until(lambda: bench.blocks)
 
@@ -237,42 +213,35 @@ def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> No
 def test_a_library_that_is_missing_then_installed(bench: Bench, t7: Control, tmp_path: Path) -> None:
     library = tmp_path / "libLabJackM.so"
     node = bench.start(LabJackNode, **laser(library=str(library)))
-    bench.until(lambda: bench.has_event("install LJM from labjack.com"))
-    assert label(node) == "unconfigured"
+    bench.until(lambda: bench.has_event("labjack.com"))
+    assert bench.lifecycle(node) == "unconfigured"
     shutil.copy(LIBRARIES / "libLabJackM.so", library)
     bench.until(lambda: bench.blocks)
-    assert len({event.text for event in bench.events if event.kind == "fault"}) == 1
+    assert len(set(bench.faults())) == 1
 
 
-def test_configured_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
+def test_configured_and_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
     t7.unplug()
     node = bench.start(LabJackNode, **laser())
-    bench.until(lambda: bench.has_event("cannot configure"))
+    bench.until(lambda: bench.faults())
     t7.replug()
     node.trigger_configure()
-    bench.until(lambda: node._starter is None)  # the next attempt sees that it need not
-    assert label(node) == "inactive"
+    bench.diagnostics.clear()
+    bench.until(lambda: len(bench.diagnostics) >= 2)  # the next attempt, after half a second, sees that it need not
+    assert bench.lifecycle(node) == "inactive"
     node.trigger_shutdown()
-    assert label(node) == "finalized"
-
-
-def test_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
-    t7.unplug()
-    node = bench.start(LabJackNode, **laser())
-    bench.until(lambda: bench.has_event("cannot configure"))
-    node.trigger_shutdown()
-    seen = len(bench.diagnostics)
-    bench.until(lambda: len(bench.diagnostics) > seen + 1)
-    assert label(node) == "finalized"
+    bench.diagnostics.clear()
+    bench.until(lambda: bench.diagnostics)
+    assert bench.lifecycle(node) == "finalized"
 
 
 def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Control) -> None:
     bench.start(LabJackNode, **laser(rate=90_000.0))
-    bench.until(lambda: bench.has_event("a scan takes longer than the scan period"))
-    bench.until(lambda: any("LJM 2942" in status.message for status in bench.diagnostics))
+    bench.until(lambda: bench.has_event("2942"))
+    bench.until(lambda: "2942" in bench.status.message)
 
 
-@pytest.mark.parametrize("code", [2942, 2606, 1250, 1309])
+@pytest.mark.parametrize("code", [2942, 1309])
 def test_an_error_in_mid_stream_is_an_interruption_whatever_its_code(bench: Bench, t7: Control, code: int) -> None:
     """LJM 2942 once ended acquisition for good; here the cable is pulled as well and plugged in again."""
     bench.start(LabJackNode, **laser())
@@ -280,81 +249,45 @@ def test_an_error_in_mid_stream_is_an_interruption_whatever_its_code(bench: Benc
     t7.fail(code)
     bench.until(lambda: bench.has_event(f"LJM {code}"))
     t7.unplug()
-    bench.until(lambda: bench.has_event("no T7 answers") and bench.has_event("trying again"))
+    bench.until(lambda: bench.has_event("trying again"))
     t7.replug()
-    bench.until(lambda: bench.has_event("streaming again"))
+    bench.until(lambda: bench.recovered())
     count = len(bench.blocks)
     bench.until(lambda: len(bench.blocks) > count + 2)
-    scans = sum(len(block.data) // len(block.channels) for block in bench.blocks)
-    last = bench.blocks[-1]
-    end = last.first_index + len(last.data) // len(last.channels)
-    assert last.dropped > 0
-    assert bench.blocks[0].first_index + scans + last.dropped == end  # every scan is there or counted
+    assert bench.blocks[-1].dropped > 0
+    assert every_scan_is_there_or_counted(bench)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "parts"),
     [
-        ({"channels": ["support_displacement"]}, "1 channels, 2 terminals"),
-        ({"calibrations": ["laser_beam.yaml", "laser_support.yaml"]}, "in the order"),
-        ({"calibrations": ["laser_support.yaml"]}, "one file each"),
-        ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, "no such file"),
-        ({"backend": "serial"}, "backend of labjack_node: given 'serial'; allowed: 'labjack', 'nidaqmx', 'simulated'"),
-        ({"voltage_range": 7.0}, "a T7 has the ranges"),
+        ({"channels": ["support_displacement"]}, "1 channels.*2 terminals"),
+        (
+            {"calibrations": ["laser_beam.yaml", "laser_support.yaml"]},
+            "support_displacement.*beam_displacement.*calibrations",
+        ),
+        ({"calibrations": ["laser_support.yaml"]}, "calibrations"),
+        ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, r"none\.yaml"),
+        ({"backend": "serial"}, "backend.*labjack_node.*'serial'.*'labjack', 'nidaqmx', 'simulated'"),
+        ({"voltage_range": 7.0}, "10, 1, 0.1"),
         ({"rate": -3.0}, "rate"),
         ({"kinds": ["charge"]}, "kind"),
     ],
 )
 def test_a_parameter_that_cannot_be_is_refused_before_a_device_is_touched(
-    bench: Bench, change: dict[str, object], words: str
+    bench: Bench, change: dict[str, object], parts: str
 ) -> None:
-    with pytest.raises(ValueError, match=words) as caught:
+    with pytest.raises(ValueError, match=f"^.*{parts}.*$"):
         bench.start(LabJackNode, **laser(**change))
-    assert "\n" not in str(caught.value)
 
 
-def test_the_simulated_backend_needs_no_device(bench: Bench) -> None:
-    bench.start(LabJackNode, **laser(backend="simulated"))
-    bench.until(lambda: len(bench.blocks) >= 2)
-    assert bench.blocks[0].device == "simulated:1"
-
-
-def run_node(*parameters: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "atpid_driver.nodes.labjack_node", "--ros-args"]
-    for parameter in parameters:
-        command += ["-p", parameter]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-
-
-def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
-    process = run_node("rate:=1000.0")
-    output, _ = process.communicate(timeout=TIMEOUT)
-    assert process.returncode == 2
-    assert output.splitlines() == [
-        "error: parameter channels of labjack_node is not given: names of the channels in the messages; "
-        "set it in the parameter file"
-    ]
-
-
-def test_a_parameter_file_that_is_not_there_is_one_line_and_status_2() -> None:
-    command = [sys.executable, "-m", "atpid_driver.nodes.ni_node", "--ros-args", "--params-file", "none.yaml"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    assert done.returncode == 2
-    assert done.stderr == "error: parameter file none.yaml: cannot be opened\n"
-
-
-def test_a_node_started_twice_is_refused_with_status_2(bench: Bench) -> None:
-    simulated = ["backend:=simulated", "handshake:=false", "rate:=1000.0"]
-    wiring = ["channels:=[support_displacement]", "terminals:=[x]", "calibrations:=[laser_support.yaml]"]
-    first = run_node(*simulated, *wiring)
-    bench.until(lambda: bench.blocks)
-    second = run_node(*simulated, *wiring)
-    output, _ = second.communicate(timeout=TIMEOUT)
-    first.send_signal(signal.SIGINT)
-    first.communicate(timeout=TIMEOUT)
-    assert (first.returncode, second.returncode) == (0, 2)
-    assert "already running" in output
-    assert len(output.splitlines()) == 1
+def test_bad_parameters_end_the_program_with_status_2_and_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    assert labjack_node.main(["--ros-args", "-p", "rate:=1000.0"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert {"error:", "channels", "labjack_node"} <= set(line.split())
+    assert ni_node.main(["--ros-args", "--params-file", "none.yaml"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert {"error:", "none.yaml:"} <= set(line.split())
 
 
 def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
@@ -367,8 +300,105 @@ def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
         process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 0
-    connected, streams, stopped = (line.split("]: ")[-1] for line in output.splitlines())
-    assert connected.startswith("connected to simulated:1: ")
-    assert streams == "simulated:1 streams 2 channels at 1000 Hz"
-    assert stopped.startswith("simulated:1: stream stopped after ")
-    assert stopped.endswith(" 0 of them lost")
+    lines = [line.split("]: ")[-1] for line in output.splitlines()]
+    assert len(lines) == 3  # connected, streams, stopped
+    assert all("simulated:1" in line for line in lines)
+    assert re.search(r" [1-9]\d* scans.* 0 ", lines[-1])
+
+
+OWN = """
+from typing import Literal
+from atpid_driver.acquisition import Backend, setting
+from atpid_driver.acquisition.settings import SimulatedSettings
+from atpid_driver.acquisition.simulated import SimulatedAcquisition
+class OwnSettings(SimulatedSettings):
+    gain: float = setting(2.0, "gain of the amplifier", "1", 0.1, 100.0)
+    filter: Literal["off", "on"] = setting("off", "low-pass filter")
+BACKEND = Backend(OwnSettings, SimulatedAcquisition)
+"""
+WIRING = {"channels": ["support_displacement"], "terminals": ["x"], "calibrations": ["laser_support.yaml"]}
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def distribution(folder: Path, name: str, entry: str, module: str = OWN) -> None:
+    """Install a distribution with one module of its own name and one entry point."""
+    (folder / f"{name}.py").write_text(module)
+    described = folder / f"{name}-1.0.dist-info"
+    described.mkdir()
+    (described / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (described / "entry_points.txt").write_text(f"[atpid.acquisition]\n{entry} = {name}:BACKEND\n")
+
+
+def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path, bench: Bench) -> None:
+    distribution(site, "registry_source", "own")
+    assert backend_names() == ("labjack", "nidaqmx", "simulated", "topic", "own")
+    assert backend("own").settings.__name__ == "OwnSettings"
+    node = bench.start(LabJackNode, backend="own", rate=1000.0, handshake=False, gain=4.0, **WIRING)
+    bench.until(lambda: bench.blocks)
+    assert list(bench.blocks[0].channels) == ["support_displacement"]
+    assert node.get_parameter("gain").value == 4.0
+    assert node.describe_parameter("gain").description.endswith("[1]")
+    assert {"off", "on"} <= set(node.describe_parameter("filter").additional_constraints.replace(",", "").split())
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "parts"),
+    [
+        ("absent", "import no_such_package", "ModuleNotFoundError.*'no_such_package'"),
+        ("broken", "raise ValueError('two\\nlines')", "ValueError: two"),
+        ("number", "BACKEND = 3", r"int: .*atpid_driver\.acquisition\.registry\.Backend"),
+    ],
+)
+def test_a_plug_in_that_does_not_load_is_one_line(site: Path, name: str, module: str, parts: str) -> None:
+    distribution(site, f"registry_{name}", "bad", module)
+    where = rf"'bad' of registry_{name}:BACKEND \(registry_{name} 1\.0\)"
+    with pytest.raises(SetupRefusedError, match=rf"^backend {where} .*{parts}[^\n]*$"):
+        backend("bad")
+
+
+def test_a_name_that_exists_twice_or_not_at_all_is_refused(site: Path) -> None:
+    distribution(site, "registry_one", "same")
+    distribution(site, "registry_two", "same")
+    distribution(site, "registry_three", "labjack")
+    for name, parts in (
+        ("same", "'same'.*registry_one:BACKEND.*"),
+        ("labjack", "'labjack'.*built-in.*registry_three"),
+        ("steam", "'steam'.*labjack, nidaqmx, simulated"),
+    ):
+        with pytest.raises(SetupRefusedError, match=parts):
+            backend(name)
+
+
+@pytest.mark.parametrize("node", [acquisition_node, labjack_node])
+def test_a_node_whose_plug_in_does_not_load_ends_with_one_line_and_status_2(
+    site: Path, capfd: pytest.CaptureFixture[str], node: object
+) -> None:
+    distribution(site, "broken", "broken", "import no_such_package")
+    wiring = ["rate:=1000.0", "channels:=[a]", "terminals:=[x]", "calibrations:=[a.yaml]"]
+    arguments = [word for value in ("backend:=broken", *wiring) for word in ("-p", value)]
+    assert node.main(["--ros-args", *arguments]) == 2  # type: ignore[attr-defined]
+    (line,) = capfd.readouterr().err.splitlines()
+    assert {"error:", "'broken'", "broken:BACKEND", "'no_such_package'"} <= set(line.split())
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"), [({"gain": 0.0}, r"gain.* 0 .*0\.1"), ({"filter": "x"}, "filter.*'off', 'on'")]
+)
+def test_a_setting_of_a_plug_in_out_of_its_range_is_refused(
+    site: Path, bench: Bench, change: dict[str, object], parts: str
+) -> None:
+    distribution(site, "registry_range", "own")
+    with pytest.raises(ParameterError, match=parts):
+        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING, **change)
+
+
+def test_a_setting_that_is_no_parameter_is_refused(site: Path, bench: Bench) -> None:
+    settings = OWN.replace("gain: float = setting(2.0", "gain: complex = setting(2j")
+    distribution(site, "registry_type", "own", settings.replace(', "1", 0.1, 100.0)', ")"))
+    with pytest.raises(SetupRefusedError, match=r"gain of OwnSettings.* bool"):
+        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING)

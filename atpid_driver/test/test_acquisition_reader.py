@@ -1,22 +1,29 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock it measures."""
+"""The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock of a device."""
 
+import math
+import pickle
 import queue
 import threading
 import time
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+import pytest
 from acquisition_rigs import channels
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
 from atpid_driver.acquisition.reader import Backoff, Reader
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
+from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
 TIMEOUT = 100.0
-QUICK = Backoff(first=0.01, longest=0.02)
+SETTINGS = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
 
 
 class Watch:
@@ -24,15 +31,9 @@ class Watch:
 
     def __init__(self, device: SimulatedAcquisition, **options: Any) -> None:
         self._ready = threading.Event()
-        self.reports: queue.Queue[tuple[bool, str]] = queue.Queue()
-        identity = device.open()
-        self.reader = Reader(
-            device,
-            identity,
-            self._ready.set,
-            lambda *report: self.reports.put(report),
-            **{"backoff": QUICK, **options},
-        )
+        self._reports: queue.Queue[tuple[bool, str]] = queue.Queue()
+        options = {"backoff": Backoff(first=0.01, longest=0.02), **options}
+        self.reader = Reader(device, device.open(), self._ready.set, lambda *one: self._reports.put(one), **options)
         self.reader.start()
 
     def blocks(self, count: int) -> list[Block]:
@@ -43,105 +44,107 @@ class Watch:
             taken += self.reader.take()
         return taken
 
-    def report(self) -> tuple[bool, str]:
-        return self.reports.get(timeout=TIMEOUT)
+    def fault(self) -> str:
+        fault, text = self._reports.get(timeout=TIMEOUT)
+        assert fault
+        return text.removeprefix("simulated:1: ")
+
+    def recovers(self) -> None:
+        assert not self._reports.get(timeout=TIMEOUT)[0]
+
+    def has_no_more(self) -> bool:
+        return self._reports.empty()
 
 
-def simulated(faults: Faults | None = None, rate: float = 10_000.0, scans: int = 100) -> SimulatedAcquisition:
-    settings = SimulatedSettings(channels=channels(0, "x"), rate=rate, scans_per_block=scans)
-    return SimulatedAcquisition(settings, faults)
+Watching = Callable[..., Watch]
 
 
-def test_blocks_come_in_order_and_complete() -> None:
-    watch = Watch(simulated())
-    blocks = watch.blocks(20)
-    watch.reader.stop()
-    starts = [block.first_index for block in blocks]
-    assert starts == [100 * k for k in range(len(blocks))]
-    assert not watch.reader.status.streaming
-    assert watch.reader.status.dropped == 0
+@pytest.fixture
+def watch() -> Iterator[Watching]:
+    made: list[Watch] = []
+
+    def watching(device: SimulatedAcquisition | None = None, **options: Any) -> Watch:
+        made.append(Watch(device or SimulatedAcquisition(SETTINGS), **options))
+        return made[-1]
+
+    yield watching
+    for one in made:
+        one.reader.stop()
 
 
-def test_a_slow_taker_holds_the_device_back_but_loses_nothing() -> None:
-    watch = Watch(simulated(), depth=3)
-    deadline = threading.Event()
-    while watch.reader.status.queued < 3:
-        assert not deadline.wait(0.001)
-    assert watch.reader.status.queued == 3
-    blocks = watch.blocks(10)
-    watch.reader.stop()
-    assert [block.first_index for block in blocks] == [100 * k for k in range(len(blocks))]
+def complete(blocks: list[Block]) -> bool:
+    return [block.first_index for block in blocks] == [100 * k for k in range(len(blocks))]
 
 
-def test_stop_while_the_queue_is_full_ends() -> None:
-    watch = Watch(simulated(), depth=1)
-    while watch.reader.status.queued < 1:
-        assert watch.reader.status.last_error == ""
-    watch.reader.stop()
+def test_blocks_come_in_order_and_complete(watch: Watching) -> None:
+    one = watch()
+    assert complete(one.blocks(20))
+    one.reader.stop()
+    assert not one.reader.status.streaming
+    assert one.reader.status.dropped == 0
 
 
-def test_unplugged_and_replugged_the_indices_go_on_with_the_clock() -> None:
+def test_a_slow_taker_holds_the_device_back_but_loses_nothing(watch: Watching) -> None:
+    slow, full = watch(depth=3), watch(depth=1)
+    pause = threading.Event()
+    while slow.reader.status.queued < 3 or full.reader.status.queued < 1:
+        assert not pause.wait(0.001)
+    assert slow.reader.status.queued == 3
+    assert complete(slow.blocks(10))
+    full.reader.stop()  # ends all the same
+    assert full.reader.status.last_error == ""
+
+
+def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watching) -> None:
     faults = Faults()
-    watch = Watch(simulated(faults))
-    before = watch.blocks(3)
+    one = watch(SimulatedAcquisition(SETTINGS, faults))
+    blocks = one.blocks(3)
     faults.plugged = False
-    assert watch.report() == (True, "simulated:1: simulated device was unplugged")
-    fault, text = watch.report()
-    assert fault
-    assert text == "simulated:1: simulated device not found: plug it in; trying again"
+    reasons = {one.fault(), one.fault()}
+    assert len(reasons) == 2
     faults.plugged = True
-    fault, text = watch.report()
-    assert not fault
-    assert "streaming again" in text
-    blocks = before + watch.blocks(3)
-    status = watch.reader.status
-    watch.reader.stop()
+    one.recovers()
+    blocks += one.blocks(3)
+    status = one.reader.status
     expected = 0
     for block in blocks:
-        jump = block.first_index - expected
-        assert jump >= 0
+        assert block.first_index >= expected
         expected = block.next_index
     assert status.dropped == blocks[-1].dropped > 0
     assert sum(len(block.volts) for block in blocks) + blocks[-1].dropped == expected
-    assert status.interruptions == 1
-    assert status.last_error == ""
-    assert watch.reports.empty()  # each line once, however often it was tried
-
-
-def test_another_device_in_the_same_place_is_not_taken() -> None:
-    faults = Faults()
-    watch = Watch(simulated(faults))
-    watch.blocks(1)
+    assert (status.interruptions, status.last_error) == (1, "")
+    assert one.has_no_more()  # each line once, however often it was tried
+    # another device in the same place is not taken
     faults.plugged, faults.serial = False, 77
-    watch.report()
-    watch.report()
+    one.fault()
+    one.fault()
     faults.plugged = True
-    assert "expected simulated:1" in watch.report()[1]
+    assert {"simulated:77", "simulated:1:"} <= set(one.fault().split())
     faults.serial = 1
-    assert "streaming again" in watch.report()[1]
-    watch.reader.stop()
+    one.recovers()
 
 
-def test_a_refused_set_up_is_reported_and_not_tried_again() -> None:
+def test_a_refused_set_up_is_reported_and_not_tried_again(watch: Watching) -> None:
     class Refusing(SimulatedAcquisition):
         def start(self) -> float:
-            raise SetupRefusedError("rate too high")
+            raise SetupRefusedError("wrong")
 
-    watch = Watch(Refusing(SimulatedSettings(channels=channels(0, "x"), rate=1.0, scans_per_block=1)))
-    assert watch.report() == (True, "simulated:1: rate too high")
-    watch.reader.stop()
-    assert watch.reports.empty()
+    one = watch(Refusing(SETTINGS))
+    assert one.fault() == "wrong"
+    one.reader.stop()
+    assert one.has_no_more()
 
 
-def test_a_set_up_that_has_streamed_is_tried_again_with_growing_waits() -> None:
+def test_a_set_up_that_has_streamed_is_tried_again_with_growing_waits(watch: Watching) -> None:
+    starts: list[float] = []
+
     class Overlapping(SimulatedAcquisition):
         """As a T7 whose scans overlap now and then (LJM 2942): one block, then the stream ends."""
 
-        starts: ClassVar[list[float]] = []
         blocks = 0
 
         def start(self) -> float:
-            self.starts.append(time.monotonic())
+            starts.append(time.monotonic())
             return super().start()
 
         def read(self) -> Block:
@@ -151,30 +154,93 @@ def test_a_set_up_that_has_streamed_is_tried_again_with_growing_waits() -> None:
                 raise SetupRefusedError("a scan takes longer than the scan period")
             return super().read()
 
-    settings = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
-    watch = Watch(Overlapping(settings), backoff=Backoff(first=0.02, longest=0.3))
-    blocks = watch.blocks(8)
-    status = watch.reader.status
-    watch.reader.stop()
+    one = watch(Overlapping(SETTINGS), backoff=Backoff(first=0.02, longest=0.3))
+    blocks = one.blocks(8)
+    status = one.reader.status
     assert (status.interruptions, status.last_error) == (5, "")
     assert sum(len(block.volts) for block in blocks) + blocks[-1].dropped == blocks[-1].next_index
-    waits = np.diff(Overlapping.starts)
-    assert (waits >= [0.02, 0.04, 0.08, 0.16, 0.3]).all()
+    assert (np.diff(starts) >= [0.02, 0.04, 0.08, 0.16, 0.3]).all()
 
 
-def test_a_bug_in_a_backend_is_reported() -> None:
+def test_a_bug_in_a_backend_is_reported(watch: Watching) -> None:
     class Broken(SimulatedAcquisition):
         def read(self) -> Block:
             raise ZeroDivisionError("oops")
 
-    watch = Watch(Broken(SimulatedSettings(channels=channels(0, "x"), rate=1.0, scans_per_block=1)))
-    assert "internal error" in watch.report()[1]
-    watch.reader.stop()
+    assert "oops" in watch(Broken(SETTINGS)).fault()
 
 
-def test_backoff_doubles_to_its_longest() -> None:
+def test_backoff_doubles_to_its_longest_and_an_identity_is_a_word() -> None:
     assert [Backoff(0.5, 3.0).delay(attempt) for attempt in range(5)] == [0.5, 1.0, 2.0, 3.0, 3.0]
-
-
-def test_identity_in_words() -> None:
     assert str(DeviceIdentity("labjack", 470012345)) == "labjack:470012345"
+
+
+STEP = 0.05
+
+
+def followed(seed: int, drift: float, seconds: float, late: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Return error of the stamps, their stated deviation and the drift's error [s, s, ppm] second by second (k, 3).
+
+    Delays: exponential ones of a random mean up to a millisecond, one block in fifty some milliseconds more with a
+    heavy tail; from late[0] to late[1] all are late[2] later [s].
+    """
+    random, clock, found = np.random.default_rng(seed), DeviceClock(), []
+    mean = random.uniform(5e-5, 1e-3)
+    for block in range(1, round(seconds / STEP)):
+        at = block * STEP
+        true = 1000.0 + at * (1.0 + drift)
+        delay = random.exponential(mean) + (random.random() < 0.02) * 1e-3 * random.pareto(1.5)
+        clock.add(at, true + delay + (late[2] if late[0] < at < late[1] else 0.0))
+        if block % 20 == 0:
+            found.append((clock.steady(at) - true, clock.error(at), clock.drift_ppm - 1e6 * drift))
+    return np.array(found)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31), st.floats(-80e-6, 80e-6), st.floats(1e-4, 1.0))
+def test_any_clock_is_followed_within_the_stated_error(seed: int, drift: float, late: float) -> None:
+    """A third of two minutes late by up to a second does not show; two minutes give the drift to 1 ppm."""
+    found = followed(seed, drift, 200.0, (130.0, 170.0, late))
+    settled = found[20:]
+    assert np.mean(np.abs(settled[:, 0]) < 2.0 * settled[:, 1]) > 0.95
+    assert np.abs(found[119:, 2]).max() < 1.0
+
+
+def test_an_hour_gives_the_drift_of_two_devices_to_a_ten_millionth() -> None:
+    one, other = (followed(seed, drift, 3600.0, (1000.0, 1050.0, 5e-3)) for seed, drift in ((1, 10e-6), (2, -10e-6)))
+    assert abs(one[-1, 2] - other[-1, 2]) < 0.1
+    assert np.abs(one[-60:, 0] - other[-60:, 0]).max() < 2.8e-6, "0.1 degrees at 100 Hz"
+
+
+def test_what_is_kept_does_not_grow() -> None:
+    clock, sizes = DeviceClock(), []
+    for block in range(20 * 1000):
+        clock.add(block * STEP, 5.0 + block * STEP)
+        sizes.append(len(pickle.dumps(clock)) if block % 5000 == 4999 else 0)
+    assert max(sizes) < 1.02 * sizes[4999] < 10_000
+    assert clock.drift_ppm == pytest.approx(0.0, abs=1e-6)
+
+
+def test_nothing_is_stated_before_it_is_known() -> None:
+    clock = DeviceClock()
+    assert math.isnan(clock.steady(0.0))
+    clock.add(0.05, 3.0)
+    assert clock.steady(0.05) == 3.0
+    assert np.isnan([clock.drift_ppm, clock.offset_s, clock.error(0.05)]).all()
+    clock = DeviceClock(began=7.0)  # time 0 is before the start returned
+    clock.add(1.0, 8.3)
+    assert clock.steady(0.0) == 7.0
+    assert clock.device(8.0) == pytest.approx(1.0)
+
+
+def test_a_wall_clock_that_is_set_moves_no_stamp(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TIME_BASE, str(time.time_ns() - time.monotonic_ns()))
+    base, clock, now = time_base_ns(), DeviceClock(), time.time_ns()
+    clock.add(0.0, 50.0)
+    before = clock.stamp_ns(0.0)
+    monkeypatch.setattr(time, "time_ns", lambda: now + 3600 * 10**9)
+    clock.add(1.0, 51.0)
+    assert clock.stamp_ns(1.0) - before == 10**9
+    assert time_base_ns() == base
+    assert time_base_ns(anew=True) == pytest.approx(base + 3600 * 10**9, abs=10**10)
+    assert time_base_ns() == time_base_ns()

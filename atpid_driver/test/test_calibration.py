@@ -3,39 +3,35 @@
 """Calibration files, conversion both ways, and the command that makes a file from readings."""
 
 import os
+import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from driver_program import main
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from atpid_common.cli import run_commands
 from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
 from atpid_driver.calibration.model import CalibrationError, load, save
 from atpid_driver.standins import build
 
+main = partial(run_commands, "atpid", "", {"": {
+    "calibrate sensor": ("atpid_driver.calibration.command", "sensor"),
+    "calibrate reading": ("atpid_driver.calibration.reading", "reading"),
+}})  # fmt: skip
 SHIPPED = Path(__file__).parents[1] / "config" / "calibration"
 LASER = load(SHIPPED / "laser_support.yaml")
 
 
 def test_shipped_files_are_valid_and_are_the_data_sheets() -> None:
-    names = sorted(path.name for path in SHIPPED.glob("*.yaml"))
-    assert names == [
-        "accelerometer.yaml",
-        "emulated_beam.yaml",
-        "emulated_support.yaml",
-        "laser_beam.yaml",
-        "laser_support.yaml",
-    ]
-    for name in names:
-        load(SHIPPED / name)
-    volts = np.array([1.0, 3.0, 5.0])
-    assert si_of(LASER, volts)[0] == pytest.approx([-0.15, 0.0, 0.15])
-    acceleration = load(SHIPPED / "accelerometer.yaml")
-    assert si_of(acceleration, np.array([0.01]))[0] == pytest.approx([9.80665])
+    shipped = {path.stem: load(path) for path in SHIPPED.glob("*.yaml")}
+    assert {"accelerometer", "emulated_beam", "emulated_support", "laser_beam", "laser_support"} == set(shipped)
+    assert si_of(LASER, np.array([1.0, 3.0, 5.0]))[0] == pytest.approx([-0.15, 0.0, 0.15])
+    assert si_of(shipped["accelerometer"], np.array([0.01]))[0] == pytest.approx([9.80665])
 
 
 def test_bad_values_are_nan_and_counted_by_reason() -> None:
@@ -44,13 +40,10 @@ def test_bad_values_are_nan_and_counted_by_reason() -> None:
     assert np.array_equal(np.isnan(values), [True, True, True, True, False, False, False, True])
     assert counts == Counts(missing=1, broken_loop=2, out_of_range=2)
     assert counts + counts == Counts(2, 4, 4)
-
-
-def test_a_block_keeps_its_columns_apart() -> None:
-    beam = load(SHIPPED / "laser_beam.yaml")
-    values, counts = block_si((LASER, beam), np.array([[3.0, 0.0], [4.0, 5.0]]))
+    beam = load(SHIPPED / "laser_beam.yaml")  # a block keeps its columns apart
+    values, columns = block_si((LASER, beam), np.array([[3.0, 0.0], [4.0, 5.0]]))
     assert np.allclose(values, [[0.0, np.nan], [0.075, 0.15]], equal_nan=True)
-    assert counts == (Counts(), Counts(broken_loop=1))
+    assert columns == (Counts(), Counts(broken_loop=1))
 
 
 @given(st.lists(st.floats(-0.149, 0.149), min_size=1, max_size=20), st.floats(-1e-3, 1e-3))
@@ -60,11 +53,7 @@ def test_volts_and_back(metres: list[float], bend: float) -> None:
         low, high = si_of(calibration, np.array(calibration.limits_volts))[0]
         wanted = np.clip(np.array(metres), low * 0.999, high * 0.999)
         assert si_of(calibration, volts_of(calibration, wanted))[0] == pytest.approx(wanted, abs=1e-12)
-
-
-def test_beyond_its_range_an_emulated_sensor_reads_out_of_range() -> None:
-    for coefficients in ((-0.225, 0.075), (-0.225, 0.075, 1e-4)):
-        calibration = LASER.model_copy(update={"coefficients": coefficients})
+        # beyond its range an emulated sensor reads out of range
         values, counts = si_of(calibration, volts_of(calibration, np.array([-0.4, 0.4])))
         assert np.isnan(values).all()
         assert counts.out_of_range == 2
@@ -78,7 +67,7 @@ def test_beyond_its_range_an_emulated_sensor_reads_out_of_range() -> None:
         ({"coefficients": [0.0, float("nan")]}, "coefficients.1"),
         ({"limits_volts": [5.0, 1.0]}, "limits_volts"),
         ({"broken_loop_volts": 2.0}, "broken_loop_volts"),
-        ({"coefficients": [0.0, 1.0, -0.2]}, "same m for two voltages"),
+        ({"coefficients": [0.0, 1.0, -0.2]}, "two voltages"),
         ({"date": "yesterday"}, "date"),
         ({"sensor": None}, "sensor"),
     ],
@@ -93,20 +82,18 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, change: dict[str, obj
     assert "bad.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
+def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    for content in (
         b"[1, 2", b"just words", b"\xff\xfe\x00", b"[" * 50_000, b"date: 2026-13-45", b"? [a]\n: 1", b"1: 2",
         b"x" * 200_000, b"a: &a [x]\nb: [*a, *a]", b"!!python/object/apply:os.getcwd []",
-    ],
-)  # fmt: skip
-def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "bad.yaml"
-    path.write_bytes(content)
-    with pytest.raises(CalibrationError, match=r"bad\.yaml"):
-        load(path)
-    with pytest.raises(CalibrationError, match="no such file"):
-        load(tmp_path / "none.yaml")
+    ):  # fmt: skip
+        path.write_bytes(content)
+        with pytest.raises(CalibrationError, match=r"bad\.yaml"):
+            load(path)
+    for path in (tmp_path / "none.yaml", Path("/dev/zero")):  # which is not read: it does not end
+        with pytest.raises(CalibrationError, match=str(path)):
+            load(path)
 
 
 @given(st.binary(max_size=200))
@@ -138,16 +125,10 @@ def test_whatever_a_key_is_given_a_calibration_converts_or_is_refused(
     assert np.isfinite(si_of(calibration, np.array(calibration.limits_volts))[0]).all()
 
 
-def test_an_endless_file_is_not_read() -> None:
-    with pytest.raises(CalibrationError, match="is a pipe or a device"):
-        load(Path("/dev/zero"))
-
-
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
-    path = tmp_path / "a.yaml"
-    save(LASER, path, "made by a test")
-    assert load(path) == LASER
-    assert "# made by a test" in path.read_text()
+    save(LASER, tmp_path / "a.yaml", "note")
+    assert load(tmp_path / "a.yaml") == LASER
+    assert "# note" in (tmp_path / "a.yaml").read_text()
 
 
 def readings(path: Path, noise: float, degree: int = 1) -> np.ndarray:
@@ -191,7 +172,7 @@ def test_a_cubic_is_found_exactly() -> None:
 def test_residuals_that_bend_are_pointed_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     readings(tmp_path / "readings.csv", noise=4e-4, degree=2)
     assert main(command(tmp_path)) == 0
-    assert "degree 2 would leave" in capsys.readouterr().out
+    assert re.search("hint.*degree 2", capsys.readouterr().out)
     assert main(command(tmp_path, "--degree", "2", "--force")) == 0
     assert "hint" not in capsys.readouterr().out
 
@@ -204,14 +185,11 @@ def test_readings_of_whatever_bytes_are_numbers_or_one_line(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "any.csv"
     path.write_bytes(head + content)
+    line = ""
     try:
-        positions, volts = read_readings(path)
+        assert np.isfinite(read_readings(path)).all()
     except CalibrationError as error:
         line = str(error)
-    else:
-        line = ""
-        assert np.isfinite(positions).all()
-        assert np.isfinite(volts).all()
     assert "\n" not in line
 
 
@@ -237,23 +215,9 @@ def test_readings_are_taken_from_the_device(
     assert list(positions) == [-0.1, 0.0, 0.1]
     assert measured == pytest.approx([1.5, 3.0, 4.5], abs=1e-6)
     assert "scatter 7.1" in capsys.readouterr().out
-    assert (
-        main(
-            [
-                "calibrate",
-                "reading",
-                str(tmp_path / "x.csv"),
-                "--position",
-                "0",
-                "--terminal",
-                "AIN77",
-                "--library",
-                library,
-            ]
-        )
-        == 2
-    )
-    assert "AIN0 to AIN13" in capsys.readouterr().err
+    wrong = ["--position", "0", "--terminal", "AIN77", "--library", library]
+    assert main(["calibrate", "reading", str(tmp_path / "x.csv"), *wrong]) == 2
+    assert "AIN13" in capsys.readouterr().err
 
 
 def command(tmp_path: Path, *extra: str) -> list[str]:
@@ -267,9 +231,7 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
     assert main(command(tmp_path, "--broken-loop", "0.9")) == 0
     made = load(tmp_path / "laser.yaml")
     assert made.coefficients == pytest.approx(true, rel=1e-3)
-    assert made.serial == "A17"
-    assert made.readings == 27
-    assert made.broken_loop_volts == 0.9
+    assert (made.serial, made.readings, made.broken_loop_volts) == ("A17", 27, 0.9)
     assert made.limits_volts == pytest.approx((1.1, 4.9), abs=2e-3)
     assert (tmp_path / "laser.png").read_bytes().startswith(b"\x89PNG")
     output = capsys.readouterr().out
@@ -283,15 +245,12 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("a,b\n1,2\n", "must name position, volts"),
-        ("position,volts\n0.1,x\n", "line 2"),
-        ("position,volts\n0.1,nan\n", "finite"),
-        ("position,volts\n0.1,1\n0.2,2\n", "at least 3"),
-        ("position,volts\n0.1,3\n0.2,3\n0.3,3\n", "same voltage"),
+        ("a,b\n1,2\n", "position, volts"), ("position,volts\n0.1,x\n", "line 2"),
+        ("position,volts\n0.1,nan\n", "finite"), ("position,volts\n0.1,1\n0.2,2\n", "at least 3"),
+        ("position,volts\n0.1,3\n0.2,3\n0.3,3\n", "same voltage"), ("", "position, volts"),
         ("position,volts\n0.0,1\n0.1,2\n0.01,3\n0.09,2.5\n0.05,1.5\n", "same m"),
-        ("", "must name"),
     ],
-)
+)  # fmt: skip
 def test_readings_that_cannot_be_used_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
 ) -> None:

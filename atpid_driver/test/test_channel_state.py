@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of a channel from its voltage: what is reported, how soon, and that a quiet sensor is none of it."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,8 +24,8 @@ USUAL = Thresholds(
 SENSOR_NOISE = 2.7e-4  # 20 um of the ZX1-LD300A81 at 1 kHz (thesis section 2.2) [V]
 
 
-def noise(seconds: float, seed: int = 0, deviation: float = SENSOR_NOISE) -> Floats:
-    return np.random.default_rng(seed).normal(0.0, deviation, round(seconds * RATE))
+def noise(seconds: float, deviation: float = SENSOR_NOISE) -> Floats:
+    return np.random.default_rng(0).normal(0.0, deviation, round(seconds * RATE))
 
 
 def tone(seconds: float, amplitude: float = 0.4, frequency: float = 5.5) -> Floats:
@@ -46,30 +47,31 @@ def changes(
     return seen
 
 
-def test_a_working_laser_is_plausible() -> None:
-    assert changes(tone(20.0)) == []
+def states(volts: Floats) -> list[ChannelState]:
+    return [state for _, state, _ in changes(volts)]
 
 
-@pytest.mark.parametrize("deviation", [SENSOR_NOISE, 1.5e-4])
-def test_a_support_at_rest_is_not_frozen(deviation: float) -> None:
+def test_a_working_laser_is_plausible_and_one_at_rest_not_frozen() -> None:
     """Ten minutes of noise alone, at half the laser's own, too."""
-    assert changes(3.0 + noise(600.0, deviation=deviation)) == []
+    assert changes(tone(20.0)) == []
+    assert changes(tone(4.0, amplitude=1.8, frequency=40.0)) == [], "half the range at 40 Hz"
+    for deviation in (SENSOR_NOISE, 1.5e-4):
+        assert changes(3.0 + noise(600.0, deviation)) == []
 
 
 @pytest.mark.parametrize(
-    ("volts", "text"),
+    ("volts", "state", "parts"),
     [
-        (0.2, "current loop broken: 0.200 V, below 0.9 V"),
-        (0.95, "out of range: 0.950 V, allowed 1 to 5 V"),
-        (5.4, "out of range: 5.400 V, allowed 1 to 5 V"),
-        (np.nan, "no readings: the device gives none for 0.2 s"),
+        (0.2, ChannelState.BROKEN_LOOP, r"0\.200 V.* 0\.9 V"),
+        (0.95, ChannelState.OUT_OF_RANGE, r"0\.950 V.* 1 to 5 V"),
+        (5.4, ChannelState.OUT_OF_RANGE, r"5\.400 V.* 1 to 5 V"),
+        (np.nan, ChannelState.MISSING, r" 0\.2 s"),
     ],
 )
-def test_a_dead_sensor_is_named_after_the_dead_time(volts: float, text: str) -> None:
-    good = tone(2.0)
-    dead = changes(np.concatenate((good, np.full(3000, volts))))
-    assert [(time, found) for time, _, found in dead] == [(2.2, text)]
-    assert dead[0][1].severity == 2
+def test_a_dead_sensor_is_named_after_the_dead_time(volts: float, state: ChannelState, parts: str) -> None:
+    ((time, found, text),) = changes(np.concatenate((tone(2.0), np.full(3000, volts))))
+    assert (time, found, found.severity) == (2.2, state, 2)
+    assert re.search(parts, text)
 
 
 @pytest.mark.parametrize("at", [3.1, 1.01, 4.99])
@@ -79,54 +81,46 @@ def test_a_frozen_sensor_is_named_after_the_frozen_time(at: float) -> None:
     ((time, state, text),) = changes(np.concatenate((tone(2.0), at + converter)))
     assert state is ChannelState.FROZEN
     assert 3.0 <= time <= 3.1
-    assert text.startswith(f"frozen at {at:.1f}" if at == 3.1 else "frozen at ")
-    assert "within 0.305 mV for 1 s" in text
+    stated = re.search(r"(\d\.\d+) V.* 0\.305 mV .* 1 s", text)
+    assert stated
+    assert float(stated[1]) == pytest.approx(at, abs=1e-3)
 
 
 def test_clipping_is_a_share_of_the_readings() -> None:
     ((_, state, text),) = changes(np.minimum(tone(3.0, amplitude=2.5), 5.3))
     assert state is ChannelState.CLIPPED
     share = float(np.mean(np.abs(tone(3.0, amplitude=2.5) - 3.0) > 2.0))
-    assert text.startswith(f"clipped: {share:.0%} of the readings of 1 s outside 1 to 5 V, ")
-    assert text.endswith("% with a broken loop")
-
-
-def test_one_reading_out_of_range_is_no_clipping() -> None:
+    assert {f"{share:.0%}", "1", "5"} <= set(text.split())
+    assert re.search(r" \d+% .*broken", text)
     volts = tone(3.0)
-    volts[1500] = 5.5
+    volts[1500] = 5.5  # one reading is no clipping
     assert changes(volts, replace(USUAL, spike=0.0)) == []
 
 
-def test_spikes_are_counted_and_a_fast_vibration_has_none() -> None:
+def test_spikes_are_counted_at_the_end_of_a_block_too() -> None:
     volts = tone(4.0)
     volts[1000::200] += 0.3
     ((time, state, text),) = changes(volts)
-    assert (state, text) == (ChannelState.SPIKES, "spikes: 3 a second of more than 0.2 V")
+    assert state is ChannelState.SPIKES
+    assert {"3", "0.2"} <= set(text.split())
     assert 1.4 <= time <= 1.7
     assert changes(volts, replace(USUAL, spike=0.0)) == []
-    assert changes(tone(4.0, amplitude=1.8, frequency=40.0)) == [], "half the range at 40 Hz"
-
-
-@pytest.mark.parametrize("first", [1000, 1000 + BLOCK - 1])
-def test_a_spike_at_the_end_of_a_block_counts(first: int) -> None:
     volts = tone(3.0)
-    volts[first :: 4 * BLOCK] += 0.3
-    assert [state for _, state, _ in changes(volts)] == [ChannelState.SPIKES]
+    volts[1000 + BLOCK - 1 :: 4 * BLOCK] += 0.3
+    assert states(volts) == [ChannelState.SPIKES]
 
 
 def test_a_sensor_that_returns_is_plausible_when_it_has_been_for_a_while() -> None:
     volts = tone(8.0)
     volts[2000:4000] = 0.2
-    (lost, back) = changes(volts)
+    lost, back = changes(volts)
     assert lost[1] is ChannelState.BROKEN_LOOP
-    assert (back[1], back[2]) == (ChannelState.PLAUSIBLE, "plausible")
+    assert back[1] is ChannelState.PLAUSIBLE
     assert 5.0 <= back[0] <= 6.1
-
-
-def test_a_loose_contact_is_one_fault() -> None:
+    # a loose contact is one fault
     volts = tone(10.0)
     volts[(np.arange(volts.size) // 300) % 2 == 1] = 0.1
-    assert [state for _, state, _ in changes(volts)] == [ChannelState.BROKEN_LOOP]
+    assert states(volts) == [ChannelState.BROKEN_LOOP]
 
 
 def test_a_channel_without_broken_loop_threshold() -> None:

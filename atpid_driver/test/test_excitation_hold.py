@@ -49,7 +49,7 @@ def run(  # noqa: PLR0913  # what is drawn at random
     return np.array(rows)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(16))
 def test_any_gain_is_removed_whatever_the_delay_is(seed: int) -> None:
     random = np.random.default_rng(seed)
     gain, slip = np.exp(random.uniform(np.log(0.35), np.log(2.8))), random.uniform(0.0, 0.03)
@@ -79,7 +79,7 @@ def reacting(ratio: float, frequency: float, damping: float) -> Plant:
     return plant
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_sweep_across_resonance_is_held_within_one_per_cent(seed: int) -> None:
     """0.8 to 1.2 of resonance with a damper of 8 % on a support that gives way by up to a fifth."""
     random = np.random.default_rng(100 + seed)
@@ -101,15 +101,6 @@ def test_what_cannot_be_reached_stays_within_the_correction_and_is_not_held() ->
     assert not rows[:, 3].any()
 
 
-@pytest.mark.parametrize("measured", [(np.nan, 5.0), (0.0, 5.0), (np.inf, 5.0), (0.3, -1.0)])
-def test_an_estimate_that_is_none_changes_nothing(measured: tuple[float, float]) -> None:
-    hold = Hold(0.01, 3.0)
-    for _ in range(100):
-        hold.turn((0.3, 5.0), measured, STEP, 0.5)
-    assert hold.factors == (1.0, 1.0)
-    assert not hold.held
-
-
 def settled(hold: Hold, measured: tuple[float, float] = (0.3, 5.0), **more: bool) -> Hold:
     for _ in range(200):
         hold.turn((0.3, 5.0), measured, STEP, 0.5, **more)
@@ -117,13 +108,16 @@ def settled(hold: Hold, measured: tuple[float, float] = (0.3, 5.0), **more: bool
 
 
 def test_an_estimate_that_is_none_ends_what_was_held() -> None:
-    hold = settled(Hold(0.01, 3.0))
-    assert hold.held
-    hold.turn((0.3, 5.0), (np.nan, np.nan), STEP, 0.5)
-    assert not hold.held
-    hold.turn((0.3, 5.0), (0.3, 5.0), STEP, 0.5)
-    assert not hold.held  # it has to settle again
-    assert settled(hold).held
+    for none in ((np.nan, 5.0), (0.0, 5.0), (np.inf, 5.0), (0.3, -1.0)):
+        hold = settled(Hold(0.01, 3.0), none)
+        assert hold.factors == (1.0, 1.0)
+        assert not hold.held
+        assert settled(hold).held
+        hold.turn((0.3, 5.0), none, STEP, 0.5)
+        assert not hold.held
+        hold.turn((0.3, 5.0), (0.3, 5.0), STEP, 0.5)
+        assert not hold.held  # it has to settle again
+        assert settled(hold).held
 
 
 def test_the_last_estimate_has_to_be_within_the_tolerance_too() -> None:

@@ -5,6 +5,7 @@
 import math
 import os
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +17,14 @@ from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver.excitation.limits import OFF, Clamp, Command, CommandRefusedError, SignalError, check_unit
 from atpid_driver.excitation.recorded import MOST_SAMPLES, read_recorded, resampled, scaled
 from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Generator
+from atpid_driver.excitation.signals import Generator, unit_signal
 
 RATE = 1000.0
+mode_of = attrgetter("mode")
 SETTINGS = ExcitationSettings(
     backend="nidaqmx", calibration="none.yaml", highest_amplitude=0.02, lowest_frequency=0.5, highest_frequency=200.0,
     rise_time=1.0, frequency_rate=2.0, stop_time=0.1, sample_rate=RATE,
 )  # fmt: skip
-
-
-def mode_of(generator: Generator) -> ExciterMode:
-    return generator.mode
 
 
 def sine(amplitude: float = 0.01, frequency: float = 5.0, **more: object) -> Command:
@@ -46,16 +44,10 @@ def test_any_commands_give_a_motion_without_a_jump(seed: int) -> None:
     random, generator = np.random.default_rng(seed), Generator(SETTINGS)
     values = []
     for number in range(12):
-        kind = random.choice(["sine", "sweep", "off"])
-        f = random.uniform(2.0, 8.0)
-        end = random.uniform(2.0, 8.0)
-        amplitude = random.uniform(0.0, 0.02)
-        command = {
-            "sine": Command(ExciterKind.SINE, amplitude, f, sequence=number),
-            "sweep": Command(ExciterKind.SWEEP, amplitude, f, end, 4.0, sequence=number),
-            "off": OFF,
-        }[kind]
-        generator.follow(command)
+        amplitude, (f, end) = random.uniform(0.0, 0.02), random.uniform(2.0, 8.0, 2)
+        tone = Command(ExciterKind.SINE, amplitude, f, sequence=number)
+        sweep = Command(ExciterKind.SWEEP, amplitude, f, end, 4.0, sequence=number)
+        generator.follow((tone, sweep, OFF)[random.integers(3)])
         values.append(piecewise(generator, random, int(random.integers(50, 3000))))
     u = np.concatenate(values)
     fastest = 2 * math.pi * 8.0
@@ -120,11 +112,10 @@ def test_noise_has_its_own_spectrum_size_and_seed(seed: int) -> None:
     inside, outside = (lines > 12) & (lines < 38), (lines < 8) | (lines > 42)
     assert np.mean(density[inside]) == pytest.approx(0.004**2 / 30.0, rel=0.1)
     assert density[outside].max() < 1e-4 * density[inside].mean()
-    other = Generator(SETTINGS)
-    other.follow(Command(ExciterKind.RANDOM, 0.004, 10.0, 40.0, seed=seed))
-    third = Generator(SETTINGS)
-    third.follow(command)
-    assert (other.samples(100) == third.samples(100)).all()
+    one, other = Generator(SETTINGS), Generator(SETTINGS)
+    one.follow(command)
+    other.follow(replace(command))
+    assert (one.samples(100) == other.samples(100)).all()
 
 
 def test_a_recorded_signal_is_put_out_at_its_own_times_scaled_to_the_peak(tmp_path: Path) -> None:
@@ -157,29 +148,24 @@ def test_another_form_of_signal_begins_from_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "word"),
+    ("command", "parts"),
     [
-        (sine(amplitude=0.03), "amplitude: given 0.03; allowed: 0 to 0.02"),
-        (sine(amplitude=math.nan), "amplitude: given nan"),
-        (sine(frequency=0.1), "frequency: given 0.1; allowed: 0.5 to 200 Hz"),
-        (Command(ExciterKind.SWEEP, 0.01, 4.0, 6.0, 0.5), "duration: given 0.5; allowed: at least 1 s"),
-        (Command(ExciterKind.SWEEP, 0.01, 4.0, math.nan, 5.0), "end_frequency: given nan"),
-        (Command(ExciterKind.RANDOM, 0.01, 40.0, 10.0), "end_frequency: given 10"),
-        (Command(ExciterKind.RECORDED, 0.01, file="/nowhere/x.csv"), "file: given '/nowhere/x.csv'"),
-        (Command(ExciterKind.RANDOM, 0.02, 10.0, 40.0), "amplitude: given 0.02; allowed: at most 0.00528"),
-        (
-            Command(ExciterKind.RANDOM, 0.001, 10.0, 40.0, hold=True),
-            "hold: given with RANDOM; allowed: with SINE and SWEEP",
-        ),
+        (sine(amplitude=0.03), r"amplitude.* 0\.03;.* 0 to 0\.02"),
+        (sine(amplitude=math.nan), r"amplitude.* nan"),
+        (sine(frequency=0.1), r"frequency.* 0\.1;.* 0\.5 to 200 Hz"),
+        (Command(ExciterKind.SWEEP, 0.01, 4.0, 6.0, 0.5), r"duration.* 0\.5;.* 1 s"),
+        (Command(ExciterKind.SWEEP, 0.01, 4.0, math.nan, 5.0), r"end_frequency.* nan"),
+        (Command(ExciterKind.RANDOM, 0.01, 40.0, 10.0), r"end_frequency.* 10"),
+        (Command(ExciterKind.RECORDED, 0.01, file="/nowhere/x.csv"), r"file.*'/nowhere/x\.csv'"),
+        (Command(ExciterKind.RANDOM, 0.02, 10.0, 40.0), r"amplitude.* 0\.02;.* 0\.00528"),
+        (Command(ExciterKind.RANDOM, 0.001, 10.0, 40.0, hold=True), r"hold.*RANDOM;.*SINE.*SWEEP"),
     ],
 )
-def test_what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing(command: Command, word: str) -> None:
+def test_what_may_not_be_put_out_is_refused_in_one_line_and_changes_nothing(command: Command, parts: str) -> None:
     generator = Generator(SETTINGS)
     generator.follow(sine())
-    with pytest.raises(CommandRefusedError) as error:
+    with pytest.raises(CommandRefusedError, match=f"^.*{parts}.*$"):
         generator.follow(command)
-    assert word in str(error.value)
-    assert "\n" not in str(error.value)
     assert generator.command == sine()
 
 
@@ -190,14 +176,15 @@ def test_no_correction_takes_the_output_beyond_its_limits(seed: int) -> None:
     factors = np.exp(random.uniform(-2.0, 2.0, (20, 2)))
     kind = random.choice(["sine", "noise"])
     command = sine(0.02, 150.0) if kind == "sine" else Command(ExciterKind.RANDOM, 0.004, 10.0, 150.0, seed=seed)
+    peak = 1.0 if kind == "sine" else np.abs(unit_signal(command, RATE)).max()
     generator.follow(command)
     for factor in factors:
         generator.correct(factor[0], factor[1], waits=False)
         u = piecewise(generator, random, 500)
         assert np.abs(u).max() <= 0.02
         assert generator.frequency <= 200.0
-        assert generator.amplitude * (1.0 if kind == "sine" else np.abs(generator._unit).max()) <= 0.02 * (1 + 1e-12)
-        wanted = factor[0] * command.amplitude * (1.0 if kind == "sine" else np.abs(generator._unit).max())
+        assert generator.amplitude * peak <= 0.02 * (1 + 1e-12)
+        wanted = factor[0] * command.amplitude * peak
         beyond = wanted > 0.02 * (1 + 1e-9) or (kind == "sine" and not 0.5 <= 150.0 * factor[1] <= 200.0)
         assert generator.clamp.limited == beyond
     generator.stop()
@@ -221,10 +208,10 @@ def test_the_clamp_limits_peak_and_rate_of_change_of_any_samples_and_refuses_wha
 
 def test_a_signal_whose_peak_or_rate_of_change_is_beyond_the_limits_is_refused() -> None:
     check_unit(SETTINGS, sine(0.02), np.sin(2 * np.pi * 200.0 * np.arange(1000) / RATE))
-    with pytest.raises(CommandRefusedError, match=r"allowed: at most 0\.01,"):
+    with pytest.raises(CommandRefusedError, match=r"amplitude.* 0\.02;.* 0\.01,"):
         check_unit(SETTINGS, sine(0.02), np.array([0.0, 0.1, 2.0, 0.1]))
     slow = replace(SETTINGS, highest_frequency=10.0)
-    with pytest.raises(CommandRefusedError, match="changes so fast"):
+    with pytest.raises(CommandRefusedError, match=r"amplitude.* 0\.02;.* 0\.0182"):
         check_unit(slow, sine(0.02), np.sin(2 * np.pi * 11.0 * np.arange(1000) / RATE))
 
 
@@ -234,52 +221,39 @@ def test_one_that_has_ended_by_itself_follows_nothing_until_it_was_switched_off(
     assert not generator.ended
     generator.follow(sine())
     generator.advance(2.0)
-    generator.end("no sign of the node")
+    generator.end("silent")
     for number in range(3):
         generator.follow(sine(sequence=number))
         generator.advance(0.1)
-    assert (generator.amplitude, mode_of(generator), generator.ended) == (0.0, ExciterMode.OFF, "no sign of the node")
+    assert (generator.amplitude, mode_of(generator), generator.ended) == (0.0, ExciterMode.OFF, "silent")
     generator.cut()
     generator.follow(sine())
     assert generator.advance(1.0).amplitude == 0.01
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "0 0\n1 1\n1e12 0", "0 0\n1 1\n2e5 0", "0 0\n0 1\n1 0", "0 0\n1 nan\n2 0", "0 0\n1e-9 1\n2 0", "1 2 3\n2 3 4",
-        "0 1\n1 1\n2 1", "", "words", "0 0\n-1 1", "0 0",
-    ],
-)  # fmt: skip
-def test_a_file_that_is_no_bounded_signal_is_refused_in_one_line_by_who_reads_it(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_no_bounded_signal_is_refused_in_one_line_by_who_reads_it(tmp_path: Path) -> None:
     path = tmp_path / "signal.txt"
-    path.write_text(text)
-    with pytest.raises(FileError) as error:
-        read_recorded(path)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_what_is_no_file_is_not_opened(tmp_path: Path) -> None:
+    for text in (
+        "0 0\n1 1\n1e12 0", "0 0\n1 1\n2e5 0", "0 0\n0 1\n1 0", "0 0\n1 nan\n2 0", "0 0\n1e-9 1\n2 0",
+        "1 2 3\n2 3 4", "0 1\n1 1\n2 1", "", "words", "0 0\n-1 1", "0 0",
+    ):  # fmt: skip
+        path.write_text(text)
+        with pytest.raises(FileError, match=r"^.*signal\.txt.*$"):
+            read_recorded(path)
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):  # what is no file is not opened
         with pytest.raises(FileError):
             read_recorded(path)
 
 
-@pytest.mark.parametrize(
-    ("values", "rate"),
-    [
+def test_samples_that_are_no_signal_are_refused_by_the_node_too() -> None:
+    for values, rate in (
         ([0.0, math.nan], 1.0), ([0.0, math.inf], 1.0), ([], 1.0), ([1.0, 1.0], 1.0), ([0.0, 1.0], 1e-3),
         (np.zeros(MOST_SAMPLES + 1), 1e6),
-    ],
-)  # fmt: skip
-def test_samples_that_are_no_signal_are_refused_by_the_node_too(values: list[float], rate: float) -> None:
-    with pytest.raises(CommandRefusedError):
-        resampled(np.array(values), rate, RATE)
-
-
-def test_the_largest_numbers_have_a_mean_and_a_peak() -> None:
+    ):  # fmt: skip
+        with pytest.raises(CommandRefusedError):
+            resampled(np.array(values), rate, RATE)
+    # the largest numbers have a mean and a peak
     assert scaled(np.array([0.0, 1e308, -1e308])) == pytest.approx([0.0, 1.0, -1.0])
 
 

@@ -4,21 +4,20 @@
 
 from concurrent.futures import Future
 from dataclasses import replace
-from math import nan
 
 import numpy as np
 import pytest
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from motor_rigs import words
 
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
-from atpid_driver.motor.dialogue import LINK_TIME, NO_LINK, STOP_REPEAT, Dialogue
+from atpid_driver.motor.dialogue import CONFIRM_TIME, LINK_TIME, NO_LINK, STOP_REPEAT, Dialogue
 from atpid_driver.motor.errors import LinkError
-from atpid_driver.motor.faults import MotorFault
+from atpid_driver.motor.faults import NO_FAULT, MotorFault
 from atpid_driver.motor.protocol import decode, encode
-from atpid_driver.motor.session import SessionLostError
 from atpid_driver.motor.settings import MotorSettings
 
 SETTINGS = MotorSettings(backend="serial", lowest=0.017, highest=1.0, speed=0.3, port="board")
@@ -145,6 +144,19 @@ class Stops(RuleBasedStateMachine):
             self.to_board.clear()
             self.to_host.clear()
 
+    def drive(self, seconds: float) -> None:
+        """Let time pass while the caller reads."""
+        for _ in range(round(seconds / STEP)):
+            self.dialogue.keep_alive(self.now)
+            self.run(STEP)
+
+    def go(self, height: int, sequence: int = 1) -> None:
+        self.dialogue.move(height, sequence, self.now)
+
+    def reported(self, *named: str) -> bool:
+        """Whether an event since the last call has these words."""
+        return any(set(named) <= words(text) for text in self.dialogue.reports())
+
     @rule(seconds=st.floats(0.0, 0.4), fates=st.lists(st.sampled_from([0, 0, 0, 1, 2]), min_size=1, max_size=7))
     def time_passes(self, seconds: float, fates: list[int]) -> None:
         self.fates = fates
@@ -194,21 +206,18 @@ class Stops(RuleBasedStateMachine):
     @invariant()
     def a_confirmed_stop_is_true(self) -> None:
         """What the caller is answered is the board's state."""
-        if hasattr(self, "off") and self.off is not None and self.off.done():
-            assert not self.board.motor_on
-        if hasattr(self, "board") and self.stop_called is not None and not self.dialogue.stopping:
+        confirmed = self.stop_called is not None and not self.dialogue.stopping
+        if confirmed or (self.off is not None and self.off.done()):
             assert not self.board.motor_on
 
     @invariant()
     def no_height_from_before_a_stop_is_taken_up_after_it(self) -> None:
         """On the line in order: what arrives after the stop's own frame."""
-        if hasattr(self, "board") and self.stop_called is not None and self.dialogue.stopping:
+        if self.stop_called is not None and self.dialogue.stopping:
             assert all(word not in MOVING_WORDS for when, word in self.written if when > self.stop_called)
 
     def teardown(self) -> None:
         """On a line that passes everything again, every stop is confirmed soon, and nothing moves."""
-        if not hasattr(self, "board"):
-            return
         off = self.dialogue.disarm(self.now)
         self.fates, self.delay = [0], 0.0
         self.run(LINK_TIME + 1.0)
@@ -231,10 +240,13 @@ def armed() -> Stops:
     return machine
 
 
-def drive(machine: Stops, seconds: float) -> None:
-    for _ in range(round(seconds / STEP)):
-        machine.dialogue.keep_alive(machine.now)
-        machine.run(STEP)
+@pytest.fixture
+def moving(armed: Stops) -> Stops:
+    """On its way down."""
+    armed.go(100_000)
+    armed.drive(0.1)
+    assert armed.board.mode is armed.dialogue.reading.mode is Mode.MOVING
+    return armed
 
 
 @pytest.mark.parametrize("late", [0.0, 0.014, 0.016, 0.025, 0.1, 0.3])
@@ -242,24 +254,24 @@ def drive(machine: Stops, seconds: float) -> None:
 def test_however_late_the_answers_a_stop_is_written_at_once(armed: Stops, late: float, word: str) -> None:
     """As behind a USB chip that holds short answers back for 16 ms."""
     armed.delay = late
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.7)
+    armed.go(100_000)
+    armed.drive(0.7)
     assert armed.board.mode is Mode.MOVING
     before = len(armed.written)
     called = armed.now
     armed.dialogue.hold(2, called) if word == "STOP" else armed.dialogue.disarm(called)
     armed.turn()
     assert armed.written[before] == (called, word)
-    drive(armed, late + 2 * STEP)
+    armed.drive(late + 2 * STEP)
     assert not armed.board.motor_on
 
 
 def test_a_stop_right_after_a_move_whose_answer_has_not_come(armed: Stops) -> None:
     armed.delay = 0.05
-    armed.dialogue.move(100_000, 1, armed.now)
+    armed.go(100_000)
     armed.turn()
     armed.dialogue.hold(2, armed.now)
-    drive(armed, 0.4)
+    armed.drive(0.4)
     assert [word for _, word in armed.written if word in ("MOVE", "STOP")][:2] == ["MOVE", "STOP"]
     assert armed.board.mode is Mode.HOLDING
     assert armed.board.height > 470_000
@@ -269,104 +281,100 @@ def test_a_stop_right_after_a_move_whose_answer_has_not_come(armed: Stops) -> No
 def test_an_answer_to_an_earlier_request_does_not_show_a_ceiling_at_rest(armed: Stops) -> None:
     """On a very late line a height is given up before it is answered; the board carries it out all the same."""
     armed.delay = 0.3
-    drive(armed, 0.9)
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.56)
+    armed.drive(0.9)
+    armed.go(100_000)
+    armed.drive(0.56)
     assert armed.dialogue.goal is None, "given up"
     assert armed.dialogue.reading.mode is Mode.HOLDING, "an answer to a request from before"
     assert armed.board.motor_on
     armed.dialogue.hold(2, armed.now)
-    drive(armed, 0.4)
+    armed.drive(0.4)
     assert armed.board.mode is Mode.HOLDING
 
 
-def test_an_answer_that_shows_the_motor_on_confirms_no_stop(armed: Stops) -> None:
+def test_an_answer_that_shows_the_motor_on_confirms_no_stop(moving: Stops) -> None:
     """Whatever the reason: a board with another firmware, a frame that was taken for another one."""
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.1)
-    off = armed.dialogue.disarm(armed.now)
+    off = moving.dialogue.disarm(moving.now)
     for _ in range(3):
-        armed.now += STOP_REPEAT
-        frame = armed.dialogue.due(armed.now)
+        moving.now += STOP_REPEAT
+        frame = moving.dialogue.due(moving.now)
         assert frame is not None
         sequence = decode(frame).sequence
-        state = encode(
-            sequence, "ST", 4, 1, "0000", round(armed.board.height), 100000, 5000, round(armed.now * 1e3), 0, sequence
-        )
-        armed.dialogue.read(state, armed.now)
+        height, uptime = round(moving.board.height), round(moving.now * 1e3)
+        state = encode(sequence, "ST", 4, 1, "0000", height, 100000, 5000, uptime, 0, sequence)
+        moving.dialogue.read(state, moving.now)
         assert not off.done()
-        assert armed.dialogue.stopping
+        assert moving.dialogue.stopping
 
 
-def test_a_stop_discards_a_height_that_was_not_written_yet(armed: Stops) -> None:
-    armed.dialogue.move(100_000, 1, armed.now)
-    armed.dialogue.hold(2, armed.now)
-    drive(armed, 0.3)
+@pytest.mark.parametrize("word", ["STOP", "DISARM"])
+def test_a_stop_discards_a_height_that_was_not_written_yet(armed: Stops, word: str) -> None:
+    armed.go(100_000)
+    armed.dialogue.hold(2, armed.now) if word == "STOP" else armed.dialogue.disarm(armed.now)
+    assert armed.dialogue.goal is None
+    armed.drive(0.3)
     assert armed.board.executed == []
 
 
-def test_a_height_after_a_stop_waits_until_that_is_confirmed(armed: Stops) -> None:
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.1)
-    armed.delay = 0.1
-    armed.dialogue.hold(2, armed.now)
-    armed.dialogue.move(800_000, 3, armed.now)
-    drive(armed, 0.15)
-    assert armed.board.mode is Mode.HOLDING
-    drive(armed, 0.3)
-    assert [target for _, _, target in armed.board.executed] == [100_000, 800_000]
-    assert armed.dialogue.reading.sequence == 3
+def test_a_height_after_a_stop_waits_until_that_is_confirmed(moving: Stops) -> None:
+    moving.delay = 0.1
+    moving.dialogue.hold(2, moving.now)
+    moving.go(800_000, 3)
+    moving.drive(0.15)
+    assert moving.board.mode is Mode.HOLDING
+    moving.drive(0.3)
+    assert [target for _, _, target in moving.board.executed] == [100_000, 800_000]
+    assert moving.dialogue.reading.sequence == 3
 
 
 def test_a_height_that_the_line_lost_is_sent_again_and_one_that_stays_unanswered_may_be_commanded_again(
     armed: Stops,
 ) -> None:
     armed.fates = [1]
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.3)
+    armed.go(100_000)
+    armed.drive(0.3)
     armed.fates = [0]
-    drive(armed, 0.1)
+    armed.drive(0.1)
     assert [target for _, _, target in armed.board.executed] == [100_000]
     armed.fates = [1]
-    armed.dialogue.move(800_000, 2, armed.now)
-    drive(armed, 0.55)
+    armed.go(800_000, 2)
+    armed.drive(0.55)
     assert armed.dialogue.goal is None
-    assert any("did not answer MOVE" in text for text in armed.dialogue.reports())
+    assert armed.reported("not", "answer", "MOVE")
 
 
-def test_a_stop_that_is_not_confirmed_is_reported_and_goes_on_over_a_lost_link(armed: Stops) -> None:
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.1)
-    armed.fates = [1]
-    off = armed.dialogue.disarm(armed.now)
-    drive(armed, 0.6)
-    assert any("DISARM not confirmed by the board within" in text for text in armed.dialogue.reports())
-    drive(armed, 1.0)
+def test_a_stop_that_is_not_confirmed_is_reported_and_goes_on_over_a_lost_link(moving: Stops) -> None:
+    moving.fates = [1]
+    off = moving.dialogue.disarm(moving.now)
+    moving.drive(0.6)
+    assert moving.reported("DISARM", "not", "confirmed", f"{CONFIRM_TIME:g}")
+    moving.drive(1.0)
     assert not off.done()
-    armed.fates = [0]
-    drive(armed, 0.5)
+    moving.dialogue.reports()
+    moving.fates = [0]
+    moving.drive(0.5)
     assert off.done()
-    assert any("DISARM confirmed by the board after" in text for text in armed.dialogue.reports())
-    assert armed.dialogue.reading.mode in (Mode.DISARMED, Mode.FAULT)
+    assert moving.reported("DISARM", "confirmed", "after")
+    assert moving.dialogue.reading.mode in (Mode.DISARMED, Mode.FAULT)
 
 
 def test_a_stop_ends_arming(armed: Stops) -> None:
     armed.dialogue.disarm(armed.now)
-    drive(armed, 0.1)
+    armed.drive(0.1)
     armed.delay = 0.05
     done = armed.dialogue.arm(armed.now)
     armed.turn()
     armed.dialogue.disarm(armed.now)
-    with pytest.raises(NotReadyError, match="a stop came before"):
+    with pytest.raises(NotReadyError, match="stop"):
         done.result(timeout=0)
-    drive(armed, 0.5)
+    armed.drive(0.5)
     assert armed.board.mode is Mode.DISARMED
 
 
 def test_a_board_at_rest_is_not_asked_to_hold(armed: Stops) -> None:
     before = len(armed.written)
     armed.dialogue.hold(2, armed.now)
-    drive(armed, 0.2)
+    armed.drive(0.2)
     assert {word for _, word in armed.written[before:]} == {"BEAT"}
 
 
@@ -375,8 +383,7 @@ def test_an_identity_that_was_never_answered_costs_no_link() -> None:
     machine = Stops()
     machine.connect()
     machine.dialogue.opened(machine.now)
-    machine.fates, machine.count = [0], 0
-    machine.delay = 0.3  # the second request is made before the first is answered, and lost
+    machine.count, machine.delay = 0, 0.3  # the second request is made before the first is answered, and lost
     machine.fates = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0]
     machine.run(0.7)
     machine.fates, machine.delay = [0], 0.0
@@ -385,86 +392,61 @@ def test_an_identity_that_was_never_answered_costs_no_link() -> None:
     assert machine.dialogue.counts()["connections"] == "2"
 
 
-def test_a_board_that_was_restarted_is_identified_again(armed: Stops) -> None:
-    armed.board.open = False
-    with pytest.raises(SessionLostError, match="no session"):
-        drive_once(armed)
-    assert isinstance(armed.dialogue.reading.height, float)
-
-
-def drive_once(machine: Stops) -> None:
-    """Let one poll be answered, errors of the session included."""
-    machine.now += 0.03
-    frame = machine.dialogue.due(machine.now)
-    assert frame is not None
-    answer = machine.board.answer(frame)
-    assert answer is not None
-    machine.dialogue.read(answer, machine.now)
-    assert machine.dialogue.reading.height is not nan
-
-
-def test_switched_off_after_a_hold_that_is_not_confirmed_it_is_off_and_not_only_at_rest(armed: Stops) -> None:
-    armed.delay = 0.05
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.1)
-    armed.dialogue.hold(2, armed.now)
-    off = armed.dialogue.disarm(armed.now)
-    drive(armed, 0.4)
+def test_switched_off_after_a_hold_that_is_not_confirmed_it_is_off_and_not_only_at_rest(moving: Stops) -> None:
+    moving.delay = 0.05
+    moving.dialogue.hold(2, moving.now)
+    off = moving.dialogue.disarm(moving.now)
+    moving.drive(0.4)
     assert off.done()
-    assert armed.board.mode is armed.dialogue.reading.mode is Mode.DISARMED
-    assert not armed.dialogue.heartbeat
+    assert moving.board.mode is moving.dialogue.reading.mode is Mode.DISARMED
+    assert not moving.dialogue.heartbeat
 
 
-def test_without_its_caller_the_heartbeat_ends(armed: Stops) -> None:
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 0.1)
-    armed.run(0.25 + 0.5)
-    assert (armed.board.mode, armed.board.faults) == (Mode.FAULT, 1)
+def test_without_its_caller_the_heartbeat_ends(moving: Stops) -> None:
+    moving.run(0.25 + 0.5)
+    assert (moving.board.mode, moving.board.faults) == (Mode.FAULT, MotorFault.HEARTBEAT)
 
 
 def test_a_board_that_does_not_answer_is_a_lost_link_which_stays_until_it_is_armed(armed: Stops) -> None:
     armed.fates = [1]
-    drive(armed, LINK_TIME + 0.2)
+    armed.drive(LINK_TIME + 0.2)
     assert armed.dialogue.reading == replace(NO_LINK, faults=MotorFault.LINK_LOST)
-    assert any("no answer to" in text for text in armed.dialogue.reports())
+    assert armed.reported("no", "answer")
     armed.fates = [0]
-    drive(armed, 1.0)
-    assert (armed.dialogue.reading.mode, MotorFault.LINK_LOST in armed.dialogue.reading.faults) == (Mode.FAULT, True)
+    armed.drive(1.0)
+    assert armed.dialogue.reading.mode is Mode.FAULT
+    assert MotorFault.LINK_LOST in armed.dialogue.reading.faults
     armed.dialogue.arm(armed.now)
-    drive(armed, 0.2)
-    assert (armed.dialogue.reading.mode, armed.dialogue.reading.faults) == (Mode.HOLDING, MotorFault(0))
+    armed.drive(0.2)
+    assert (armed.dialogue.reading.mode, armed.dialogue.reading.faults) == (Mode.HOLDING, NO_FAULT)
 
 
 def test_a_height_that_the_motor_cannot_have_reached_is_no_answer_of_the_board(armed: Stops) -> None:
     armed.board.height -= 100_000
-    drive(armed, 0.3)
-    assert any("which its motor cannot" in text for text in armed.dialogue.reports())
+    armed.drive(0.3)
+    assert armed.reported("0.5000", "0.4000", "m")
     assert MotorFault.LINK_LOST in armed.dialogue.reading.faults
     assert armed.board.mode is Mode.DISARMED, "by the new session"
     assert armed.dialogue.reading.mode is Mode.FAULT, "until a person arms it"
 
 
 def test_a_height_that_a_restarted_board_refuses_is_a_lost_session(armed: Stops) -> None:
+    """It is identified again."""
     armed.board.open = False
-    armed.dialogue.move(100_000, 1, armed.now)
-    drive(armed, 3 * STEP)
+    armed.go(100_000)
+    armed.drive(3 * STEP)
     assert MotorFault.LINK_LOST in armed.dialogue.reading.faults
-    assert not any("refused MOVE" in text for text in armed.dialogue.reports())
-
-
-def test_switched_off_a_height_that_waits_is_discarded(armed: Stops) -> None:
-    armed.dialogue.move(100_000, 1, armed.now)
-    armed.dialogue.disarm(armed.now)
-    assert armed.dialogue.goal is None
-    drive(armed, 0.3)
-    assert armed.board.executed == []
+    assert not armed.reported("refused", "MOVE")
+    armed.drive(0.1)
+    assert armed.dialogue.ready
+    assert armed.dialogue.counts()["connections"] == "2"
 
 
 def test_a_reading_has_the_steady_time_at_which_the_board_took_it() -> None:
     """Of a clock that loses 60 ppm, over a line of 3 to 30 ms: within half of the shortest round trip."""
     random, board, dialogue = np.random.default_rng(6), ModelBoard(), Dialogue(SETTINGS)
     dialogue.opened(100.0)
-    off, now = [], 100.0
+    off, trips, now = [], [], 100.0
     while now < 200.0:
         if (frame := dialogue.due(now)) is not None:
             there, back = 0.003 + random.exponential(0.002, 2)
@@ -473,8 +455,11 @@ def test_a_reading_has_the_steady_time_at_which_the_board_took_it() -> None:
             assert answer is not None
             dialogue.read(answer, now + there + back)
             off.append(dialogue.reading.steady - now - there)
+            trips.append(there + back)
             now += there + back
         now += STEP
     assert np.isnan(off[0])  # the identity has no height
-    assert np.abs(off[200:]).max() < 0.5 * dialogue._least_trip + 1e-3
-    assert dialogue._clock.drift_ppm == pytest.approx(60.0, abs=30.0)
+    assert np.abs(off[200:]).max() < 0.5 * min(trips) + 1e-3
+    counts = dialogue.counts()
+    assert float(counts["stamps within [s]"]) == pytest.approx(0.5 * min(trips), rel=0.1)
+    assert float(counts["clock drift [ppm]"]) == pytest.approx(60.0, abs=30.0)

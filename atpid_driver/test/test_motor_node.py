@@ -2,89 +2,91 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node over real DDS with the simulated ceiling: lockstep, real time, refusals, lifecycle, started twice."""
 
+import re
+import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import closing, nullcontext
+from itertools import pairwise
 from math import isnan, nan
 from typing import Any
 
 import pytest
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, PlantTruth
+from builtin_interfaces.msg import Time as TimeMsg
 from diagnostic_msgs.msg import DiagnosticStatus
+from hypothesis import given
+from hypothesis import strategies as st
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from motor_graph import SIMULATED, Stand
+from lifecycle_msgs.srv import GetState
+from motor_graph import SIMULATED, Stand, arguments, motor_process
+from motor_rigs import words
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
+from atpid_common.nodes.messages import nanoseconds_of
 from atpid_common.nodes.parameters import ParameterError
 from atpid_common.nodes.single_instance import StartedTwiceError, claim
-from atpid_driver.nodes import motor_node
+from atpid_driver.motor.faults import MotorFault, in_words
+from atpid_driver.motor.freshness import Freshness
+from atpid_driver.motor.simulated import SimulatedActuator
+from atpid_driver.nodes import authority, motor_node
 from atpid_driver.nodes.motor_node import MotorNode
+
+SECOND = 1_000_000_000
+BLOCK = SECOND // 20
+LONGER_THAN_THE_TIMEOUT = 0.7  # of commands [s]
 
 
 @pytest.fixture
 def stand() -> Iterator[Stand]:
-    made = Stand()
-    yield made
-    made.close()
+    with closing(Stand()) as made:
+        yield made
 
 
-def test_a_handshake_is_answered_once_it_is_ready(stand: Stand) -> None:
+def test_in_lockstep_each_command_is_answered_by_one_state_at_its_stamp(stand: Stand) -> None:
     stand.motor(lockstep=True)
-    state = stand.handshake()
-    assert (state.handshake, state.mode, state.height) == (True, CeilingState.HOLDING, 0.017)
-
-
-@pytest.mark.slow
-def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
-    stand.motor(lockstep=True)
-    stand.handshake()
-    heights = []
+    first = stand.handshake()
+    assert (first.handshake, first.mode, first.height) == (True, CeilingState.HOLDING, 0.017)
+    stand.until_quiet()
+    stand.states.clear()
     for k in range(1, 21):
-        state = stand.ask(0.317, 0.1 * k, sequence=1)
-        assert (state.header.stamp.sec, state.header.stamp.nanosec) == divmod(k * 10**8, 10**9)
-        assert len(stand.states) == 1
-        heights.append(state.height)
+        state = stand.ask(0.317, 0.1 * k)
+    heights = [state.height for state in stand.states]
     assert heights == pytest.approx([min(0.317, 0.017 + 0.03 * k) for k in range(20)], abs=1e-14)
     assert (state.mode, state.height, state.sequence) == (CeilingState.HOLDING, 0.317, 1)
-
-
-def test_lockstep_reports_the_next_motion(stand: Stand) -> None:
-    stand.motor(lockstep=True)
-    stand.handshake()
-    state = stand.ask(0.5, 1.0, sequence=3)
-    assert (state.mode, state.height, state.target, state.speed) == (CeilingState.MOVING, 0.017, 0.5, 0.3)
-    state = stand.ask(nan, 1.5, sequence=3)
+    # a state has the height of its command's stamp, and the motion that follows
+    state = stand.ask(0.5, 3.0, sequence=3)
+    assert (state.mode, state.height, state.target, state.speed) == (CeilingState.MOVING, 0.317, 0.5, 0.3)
+    stand.ask(0.6, 3.1)
+    state = stand.ask(nan, 3.5, sequence=3)
     assert (state.mode, state.velocity) == (CeilingState.HOLDING, 0.0)
-    assert state.height == state.target == pytest.approx(0.167, abs=1e-12)
-
-
-def test_a_refused_height_is_reported_once_and_the_ceiling_stays(stand: Stand) -> None:
-    stand.motor(lockstep=True)
-    stand.handshake()
+    assert state.height == state.target == pytest.approx(0.467, abs=1e-12)
+    stand.until_quiet()
+    stamps = [nanoseconds_of(state.header.stamp) for state in stand.states]
+    assert stamps == [*(k * SECOND // 10 for k in range(1, 21)), 3 * SECOND, 31 * SECOND // 10, 7 * SECOND // 2]
+    # a travel that begins is an event, another target on the way is none
+    assert {(event.kind, event.severity) for event in stand.events} == {(Event.MOVED, Event.INFO)}
+    assert [(event.value, event.header.stamp) for event in stand.events] == [
+        (0.317, TimeMsg(nanosec=SECOND // 10)),
+        (0.5, TimeMsg(sec=3)),
+    ]
+    assert {"0.0170", "0.3170"} <= words(stand.events[0].text)
+    # a refused height is reported once
+    stand.events.clear()
     for k in range(5):
-        state = stand.ask(0.001, 1.0 + k)
-    stand.until(lambda: stand.events)
-    assert (state.mode, state.height) == (CeilingState.HOLDING, 0.017)
-    assert [(event.kind, event.value) for event in stand.events] == [("refused", 0.001)]
-    assert "allowed 0.017 to 1 m" in stand.events[0].text
-
-
-def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
-    stand.motor(speed=5.0)
-    stand.handshake()
-    stand.until(lambda: stand.states[-1].header.frame_id == "ceiling")
-    stand.command(0.9, 0.0, sequence=7)
-    stand.until(lambda: any(state.mode == CeilingState.MOVING for state in stand.states))
-    stand.until(lambda: stand.states[-1].height == 0.9, lambda: stand.command(0.9, 0.0, sequence=7))
-    assert (stand.states[-1].mode, stand.states[-1].sequence) == (CeilingState.HOLDING, 7)
+        refused = stand.ask(0.001, 4.0 + k)
+        assert (refused.mode, refused.height) == (CeilingState.HOLDING, state.height)
+    stand.until_quiet()
+    (event,) = stand.events
+    assert (event.kind, event.value) == (Event.REFUSED, 0.001)
+    assert {"0.001", "0.017", "1"} <= words(event.text)
 
 
 def test_faults_are_injected_into_a_running_motor_by_its_parameter(stand: Stand) -> None:
-    motor = stand.motor()
+    motor = stand.motor(speed=0.05)
     truth: list[CeilingState] = []
     stand.peer.create_subscription(CeilingState, "ceiling/truth", truth.append, 10)
 
@@ -92,24 +94,34 @@ def test_faults_are_injected_into_a_running_motor_by_its_parameter(stand: Stand)
         return motor.set_parameters([Parameter("faults", value=list(faults))])[0]
 
     stand.handshake()
-    stand.until(lambda: stand.states[-1].height > 0.02, lambda: stand.command(0.9, 1.0))
-    refused = given("clock off 0 9")
-    assert refused.reason == "faults: given clock; allowed: height_sensor, motor, which the simulated motor injects"
-    assert "one fault of a part at a time" in given("motor off 0 9", "motor stuck 1 2").reason
+    stand.until(lambda: stand.state.height > 0.02, lambda: stand.command(0.9, 1.0))
+    for faults, named in ((("clock off 0 9",), "clock"), (("motor off 0 9", "motor stuck 1 2"), "motor")):
+        refused = given(*faults)
+        assert not refused.successful
+        assert {"faults", named} <= words(refused.reason)
     assert not truth
-    before = stand.states[-1].height
+    before = stand.state.height
     assert given("motor off 0 1000").successful
-    stand.until(lambda: stand.states[-1].mode == CeilingState.FAULT, lambda: stand.command(0.9, 1.0))
-    assert "motor on but the ceiling does not move" in stand.states[-1].fault
-    assert before <= stand.states[-1].height < 0.9
-    stand.until(lambda: truth and truth[-1].height == stand.states[-1].height)
+    stand.until_mode(CeilingState.FAULT, lambda: stand.command(0.9, 1.0))
+    stall = in_words(MotorFault.STALL)
+    assert (stand.state.faults, stand.state.fault) == (MotorFault.STALL, stall)
+    stand.until(lambda: stand.texts(Event.FAULT))
+    (alarm,) = (event for event in stand.events if event.kind == Event.FAULT)
+    assert (alarm.severity, alarm.text.endswith(stall)) == (Event.ALARM, True)
+    ramp = [0.5 + 0.01 * k for k in range(20)]
+    stand.until(lambda: not ramp, lambda: stand.command(ramp.pop(0), 1.1))
+    assert stand.more_states(5) == {CeilingState.FAULT}
+    assert len(stand.texts(Event.REFUSED)) == 1, "whatever the ramp"
+    assert before <= stand.state.height < 0.9
+    stand.until(lambda: truth and truth[-1].height == stand.state.height)
     assert given("").successful
-    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
-    stand.until(lambda: stand.states[-1].height == pytest.approx(0.9, abs=1e-3), lambda: stand.command(0.9, 1.0))
+    assert stand.trigger("rearm").success
+    goal = stand.state.height + 0.02
+    stand.until(lambda: stand.state.height == pytest.approx(goal, abs=1e-3), lambda: stand.command(goal, 1.0))
     # a sensor that reads another height: the ceiling is not there
     assert given("height_sensor wrong 0 1000").successful
-    stand.until(lambda: stand.states[-1].mode == CeilingState.FAULT, lambda: stand.command(0.9, 1.0))
-    stand.until(lambda: truth[-1].height == pytest.approx(stand.states[-1].height - 0.01, abs=1e-6))
+    stand.until_mode(CeilingState.FAULT, lambda: stand.command(goal, 1.0))
+    stand.until(lambda: truth[-1].height == pytest.approx(stand.state.height - 0.01, abs=1e-6))
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
@@ -118,39 +130,25 @@ def test_a_simulated_ceiling_stands_where_the_plants_does(stand: Stand, lockstep
     truth = stand.peer.create_publisher(PlantTruth, "plant/truth", 10)
     stand.until(lambda: truth.get_subscription_count() == 1)
     if not lockstep:
-        stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOMING)
-        assert isnan(stand.states[-1].height)
-        assert not stand.states[-1].homed
+        stand.until_mode(CeilingState.HOMING)
+        assert isnan(stand.state.height)
+        assert not stand.state.homed
     message = PlantTruth(handshake=True, ceiling=[0.05, 0.2901])
     stand.until(lambda: truth.get_subscription_count() == 0, lambda: truth.publish(message))
     # those from before may still be on their way
-    stand.until(
-        lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING,
-        lambda: stand.command(nan, 0.0, 0, handshake=True),
-    )
-    state = stand.states[-1]
-    assert (state.mode, state.homed, state.height) == (CeilingState.HOLDING, True, 0.2901)
+    stand.until_mode(CeilingState.HOLDING, lambda: stand.command(nan, 0.0, 0, handshake=True))
+    assert (stand.state.homed, stand.state.height) == (True, 0.2901)
 
 
-def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
-    node = stand.motor(lockstep=False, command_timeout=0.05)
-    stand.handshake()
-    stale = {"received_timestamp": time.time_ns() - 10**9}
-    node._on_command(CeilingCommand(header=Header(frame_id="selector_node"), height=0.5, sequence=2), stale)
-    stand.until(lambda: stand.events)
-    assert "waited 1.00 s, allowed 0.05 s" in stand.events[0].text
-    assert node._read().target == 0.017
-
-
-def reported(stand: Stand, mode: int) -> Callable[[], object]:
-    return lambda: stand.states[-1].mode == mode
-
-
-def test_lifecycle_by_a_manager(stand: Stand) -> None:
+def test_lifecycle_by_a_manager(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An impossible transition is refused and an exception in one is logged; the node lives on."""
     stand.motor(autostart=False)
-    stand.until(lambda: stand.states)
-    assert stand.states[-1].mode == CeilingState.UNCONFIGURED
-
+    stand.until_mode(CeilingState.UNCONFIGURED)
+    with monkeypatch.context() as broken:
+        broken.setattr(SimulatedActuator, "connect", lambda self, now: 1 / 0)
+        assert not stand.change(Transition.TRANSITION_CONFIGURE)
+    state = stand.call(GetState, "motor_node/get_state", GetState.Request()).current_state
+    assert state.label == "unconfigured"
     for transition, mode in (
         (Transition.TRANSITION_CONFIGURE, CeilingState.DISARMED),
         (Transition.TRANSITION_ACTIVATE, CeilingState.HOLDING),
@@ -158,94 +156,77 @@ def test_lifecycle_by_a_manager(stand: Stand) -> None:
         (Transition.TRANSITION_CLEANUP, CeilingState.UNCONFIGURED),
     ):
         assert stand.change(transition)
-        stand.until(reported(stand, mode))
+        stand.until_mode(mode)
+        if mode == CeilingState.HOLDING:
+            for impossible in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP, 250):
+                assert not stand.change(impossible)
+            assert stand.more_states(5) == {CeilingState.HOLDING}
 
 
-def test_an_impossible_transition_is_refused_and_the_node_lives_on(stand: Stand) -> None:
-    node = stand.motor()
-    stand.handshake()
-    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP, 250):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert not stand.call(ChangeState, "motor_node/change_state", request).success
-    assert node._active
-
-
-def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Stand, monkeypatch: Any) -> None:
-    node = stand.motor(autostart=False)
-    monkeypatch.setattr(node._actuator, "connect", lambda now: 1 / 0)
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
-    assert not stand.call(ChangeState, "motor_node/change_state", request).success
-    state = stand.call(GetState, "motor_node/get_state", GetState.Request()).current_state
-    assert state.label == "unconfigured"
-    monkeypatch.undo()
-    assert stand.call(ChangeState, "motor_node/change_state", request).success
-
-
-def test_after_shutdown_nothing_impossible_is_advised(stand: Stand) -> None:
-    stand.motor()
-    stand.handshake()
-    stand.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
-    final = "the motor node is finalized: it was shut down for good; start it again"
-    assert (answer.success, answer.message) == (False, final)
+def test_rearm_arms_it_from_any_lifecycle_state_but_the_last(stand: Stand) -> None:
+    stand.motor(autostart=False)
+    assert stand.trigger("rearm").success
+    stand.until_mode(CeilingState.HOLDING)
+    assert stand.trigger("stop").success
+    stand.until_mode(CeilingState.DISARMED)
+    assert stand.trigger("rearm").success
+    stand.until_mode(CeilingState.HOLDING)
+    assert stand.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    answer = stand.trigger("rearm")
+    assert not answer.success
+    assert {"finalized", "start", "again"} <= words(answer.message)
     stand.command(0.5, 1.0)
-    stand.until(lambda: stand.events)
-    assert [event.text for event in stand.events] == [f"ceiling height 0.5 m refused: {final}"]
+    stand.until(lambda: stand.texts(Event.REFUSED))
+    (refused,) = stand.texts(Event.REFUSED)
+    assert refused.endswith(answer.message)
+    assert "0.5" in words(refused)
 
 
 def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> None:
     stand.motor(speed=0.01)
     stand.handshake()
     stand.command(0.9, 1.0, sequence=7)
-    stand.until(lambda: "stale" in stand.kinds())
+    stand.until(lambda: stand.texts(Event.STALE))
     stale = next(event for event in stand.events if event.kind == Event.STALE)
     assert stale.severity == Event.ALARM
     assert stale.value >= 0.4
-    assert stale.text == f"no message on ceiling/command for {stale.value:.2f} s: the ceiling is stopped"
-    stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
-    assert 0.017 < stand.states[-1].height < 0.1
-    assert (stand.states[-1].velocity, stand.states[-1].sequence) == (0.0, 7)
+    assert {"ceiling/command", f"{stale.value:.2f}", "stopped"} <= words(stale.text)
+    stand.until_mode(CeilingState.HOLDING)
+    assert 0.017 < stand.state.height < 0.1
+    assert (stand.state.velocity, stand.state.sequence) == (0.0, 7)
     stand.until(lambda: any(s.level == DiagnosticStatus.STALE for s in stand.statuses))
     stand.command(0.9, 1.05, sequence=7)
-    stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
-    stand.until(lambda: "resumed" in stand.kinds())
+    stand.until_mode(CeilingState.MOVING)
+    stand.until(lambda: stand.texts(Event.RESUMED))
 
 
-@pytest.mark.slow
 def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand: Stand) -> None:
-    node = stand.motor(stale_timeout=60.0)
+    longer_than_the_timeout = 35  # states, 50 a second; the time-out is 0.4 s
+    stand.motor()
     stand.handshake()
+    stand.more_states(longer_than_the_timeout)
+    assert not stand.texts(Event.STALE)
     runs = stand.peer.create_publisher(Event, "events", 10)
     stand.until(lambda: runs.get_subscription_count() == 2)
-    assert not node._supervision.stale.running
-    stand.command(0.5, 1.0)
-    stand.until(lambda: node._supervision.stale.running)
-    runs.publish(Event(kind=Event.FINISHED))
-    stand.until(lambda: not node._supervision.stale.running)
-    stand.until(lambda: stand.states[-1].height == 0.5)
+    assert stand.state.header.frame_id == "ceiling"
+    stand.until(lambda: stand.texts(Event.MOVED), lambda: stand.command(0.1, 1.0))
+
+    def finish() -> None:
+        stand.command(0.1, 1.0)
+        runs.publish(Event(kind=Event.FINISHED, header=Header(stamp=TimeMsg(sec=1))))
+
+    stand.until(lambda: len(stand.texts(Event.FINISHED)) > 2, finish)
+    stand.more_states(longer_than_the_timeout)
+    assert not stand.texts(Event.STALE)
+    assert (stand.state.height, stand.state.sequence) == (0.1, 1)
 
 
-@pytest.mark.slow
-def test_a_travel_that_begins_is_an_event_and_another_target_on_the_way_is_none(stand: Stand) -> None:
-    stand.motor(lockstep=True)
-    stand.handshake()
-    for k, height in enumerate([0.317, 0.317, 0.4, 0.4]):
-        stand.ask(height, 1.0 + 0.1 * k)
-    stand.until(lambda: stand.events)
-    (moved,) = stand.events
-    assert (moved.kind, moved.severity, moved.value) == (Event.MOVED, Event.INFO, 0.317)
-    assert moved.text == "the ceiling moves from 0.0170 to 0.3170 m"
-    assert (moved.header.stamp.sec, moved.header.stamp.nanosec) == (1, 0)
-    stand.ask(0.4, 5.0)
-    stand.ask(0.2, 5.1)
-    stand.until(lambda: len(stand.events) == 2)
-    assert stand.events[1].value == 0.2
-
-
-@pytest.mark.slow
-def test_its_statuses_have_standard_names_and_a_hardware_id(stand: Stand) -> None:
+def test_its_statuses_have_standard_names_and_another_quality_of_service_is_an_event(stand: Stand) -> None:
     stand.motor()
-    stand.until(lambda: len(stand.statuses) >= 4)
+    lossy = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    stand.peer.create_publisher(CeilingCommand, "ceiling/command", lossy)
+    stand.until(lambda: stand.texts("qos") and len(stand.statuses) >= 4)
+    assert {"ceiling/command", "reliability"} <= words(stand.texts("qos")[-1])
     assert {status.name: status.hardware_id for status in stand.statuses} == {
         "motor_node: ceiling motor": "simulated ceiling",
         "motor_node: commands": "none",
@@ -254,89 +235,163 @@ def test_its_statuses_have_standard_names_and_a_hardware_id(stand: Stand) -> Non
     }
 
 
-def test_a_command_of_another_quality_of_service_is_an_event(stand: Stand) -> None:
+# a second node of its name
+
+
+def test_while_another_is_there_that_was_there_before_nothing_arms_it(
+    stand: Stand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither its own start, which is tried again and again, nor a person; and however long the other stays."""
+    monkeypatch.setattr(authority, "DISCOVERY_TIME", 60.0)
     stand.motor()
-    lossy = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    stand.peer.create_publisher(CeilingCommand, "ceiling/command", lossy)
-    stand.until(lambda: "qos" in stand.kinds())
-    assert "ceiling/command: a publisher has another reliability" in stand.events[-1].text
-
-
-def test_rearm_arms_it_from_any_lifecycle_state_but_the_last(stand: Stand) -> None:
-    stand.motor(autostart=False)
-    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
-    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING)
-    assert stand.call(Trigger, "motor_node/stop", Trigger.Request()).success
-    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.DISARMED)
-    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
-    stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING)
-    assert stand.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
-    assert (answer.success, "start it again" in answer.message) == (False, True)
-
-
-@pytest.mark.slow
-def test_a_duplicate_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
-    node = stand.motor()
-    stand.handshake()
-    other = Node("motor_node", context=stand.context)
-    stand.until(lambda: stand.states[-1].mode == CeilingState.DISARMED and stand.events)
-    assert [event.kind for event in stand.events] == [Event.DUPLICATE]
-    assert not node._active
-    assert isnan(stand.states[-1].target)
-    other.destroy_node()
-    stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
-
-
-@pytest.mark.slow
-def test_a_duplicate_that_comes_later_is_reported_but_stops_nothing(stand: Stand) -> None:
-    node = stand.motor()
-    stand.handshake()
-    node._duplicates.started -= 60.0
     other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.events)
-    assert "this one stays" in stand.events[0].text
-    assert node._active
+    stand.until_mode(CeilingState.DISARMED)
+    assert {(event.kind, event.severity) for event in stand.events} == {(Event.DUPLICATE, Event.ALARM)}
+    assert isnan(stand.state.target)
+    assert not stand.change(Transition.TRANSITION_ACTIVATE)
+    monkeypatch.setattr(authority, "DISCOVERY_TIME", 0.0)  # it has passed
+    stand.statuses.clear()
+    stand.states.clear()
+    # longer than the node waits before it tries again: its diagnostics come once a second
+    stand.until(lambda: [status.name for status in stand.statuses].count("motor_node: ceiling motor") >= 3)
+    assert not stand.change(Transition.TRANSITION_ACTIVATE)
+    assert {state.mode for state in stand.states} == {CeilingState.DISARMED}
     other.destroy_node()
+    stand.until_mode(CeilingState.HOLDING)
 
 
-def test_a_name_can_be_claimed_once() -> None:
-    with claim("/stand/motor_node"), pytest.raises(StartedTwiceError, match="/stand/motor_node is already running"):
-        claim("/stand/motor_node")
-    claim("/stand/motor_node").close()
-
-
-def arguments(**parameters: object) -> list[str]:
-    pairs = [f"{key}:={value}" for key, value in parameters.items()]
-    return ["motor_node", "--ros-args", *(word for pair in pairs for word in ("-p", pair))]
-
-
-def test_started_twice_is_one_line_and_exit_2(capfd: pytest.CaptureFixture[str]) -> None:
-    with claim("/motor_node"):
-        assert motor_node.main(arguments(**SIMULATED)) == 2
-    (line,) = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith("error: /motor_node is already running")
+def test_a_duplicate_that_comes_later_is_reported_but_stops_nothing(
+    stand: Stand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand.motor()
+    stand.handshake()
+    monkeypatch.setattr(authority, "DISCOVERY_TIME", 0.0)
+    other = Node("motor_node", context=stand.context)
+    stand.until(lambda: stand.events)
+    assert (stand.events[0].kind, stand.events[0].severity) == (Event.DUPLICATE, Event.WARNING)
+    assert stand.more_states(5) == {CeilingState.HOLDING}
+    other.destroy_node()
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"lowest": 2.0}, "0 < lowest < highest"),
-        ({"backend": "steam"}, "allowed: 'simulated', 'serial'"),
-        ({"rate": 1.0}, "rate"),
-    ],
+    ("change", "text"), [({}, "/motor_node"), ({"lowest": 2.0}, "0 < lowest"), ({"backend": "steam"}, "'simulated'")]
 )
-def test_bad_parameters_are_one_line_and_exit_2(
+def test_a_name_can_be_claimed_once_and_what_is_wrong_is_one_line_and_status_2(
     change: dict[str, object], text: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert motor_node.main(arguments(**SIMULATED | change)) == 2
+    with nullcontext() if change else claim("/motor_node"):
+        if not change:
+            with pytest.raises(StartedTwiceError, match="/motor_node"):
+                claim("/motor_node")
+        assert motor_node.main(["motor_node", *arguments(**SIMULATED | change)]) == 2
     (line,) = capfd.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
     assert text in line
+    claim("/motor_node").close()
 
 
 def test_limits_have_no_default(stand: Stand) -> None:
-    with pytest.raises(ParameterError, match="highest of motor_node is not given: highest ceiling height"):
-        MotorNode(
-            parameter_overrides=[Parameter("backend", value="simulated"), Parameter("lowest", value=0.017)],
-            context=stand.context,
-        )
+    given = [Parameter("backend", value="simulated"), Parameter("lowest", value=0.017)]
+    with pytest.raises(ParameterError, match=r"highest\b.*\bmotor_node"):
+        MotorNode(parameter_overrides=given, context=stand.context)
+
+
+# no height from before an interruption moves the ceiling
+
+
+@given(
+    offset=st.integers(-(10**18), 10**18),
+    ppm=st.integers(-200, 200),
+    jitter=st.lists(st.integers(0, 20_000_000), min_size=100, max_size=100),
+    held=st.integers(SECOND // 2, 20 * SECOND),
+)
+def test_what_waited_is_old_and_what_comes_in_time_is_not(offset: int, ppm: int, jitter: list[int], held: int) -> None:
+    fresh, now = Freshness(), 0
+    for k, late in enumerate(jitter):
+        now = k * BLOCK + k * BLOCK * ppm // 1_000_000 + late
+        assert fresh.age(k * BLOCK + offset, now) <= 0.021
+    # those of the time in which the loop, or this node, stood still
+    woken = now + held
+    ages = [fresh.age(k * BLOCK + offset, woken) for k in range(len(jitter), len(jitter) + held // BLOCK)]
+    assert ages[0] >= 0.98 * held / SECOND - 0.1
+    assert all(later <= earlier for earlier, later in pairwise(ages))
+    following = len(jitter) + held // BLOCK
+    assert fresh.age(following * BLOCK + offset, woken + BLOCK) <= 0.15
+
+
+def test_a_source_that_begins_anew_is_not_judged_by_the_one_before() -> None:
+    fresh = Freshness()
+    assert [fresh.age(stamp, stamp + 5) for stamp in (10, 20, 30)] == [0.0, 0.0, 0.0]
+    assert fresh.age(20, 10 * SECOND) == 0.0, "its clock was set back"
+    assert fresh.age(20 + SECOND, 16 * SECOND) == pytest.approx(5.0, abs=0.1), "and is judged again from then on"
+    assert fresh.age(20 + 2 * SECOND, 30 * SECOND) > 10.0
+    fresh.restart()
+    assert fresh.age(20 + 3 * SECOND, 44 * SECOND) == 0.0, "its stamps may go on where those of the other were"
+
+
+def test_a_clock_that_drifts_all_day_makes_no_command_old() -> None:
+    fresh = Freshness()
+    ages = [fresh.age(k * BLOCK, k * BLOCK + k * BLOCK // 5_000) for k in range(20 * 3600)]
+    assert max(ages) < 1e-3, "200 ppm are 0.7 s in an hour"
+
+
+def test_a_command_is_compared_with_the_time_the_motor_was_armed() -> None:
+    fresh = Freshness()
+    fresh.armed(10 * SECOND)
+    assert fresh.before_armed(0.6, 10 * SECOND + SECOND // 2)
+    assert not fresh.before_armed(0.4, 10 * SECOND + SECOND // 2)
+
+
+def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
+    stand.motor(command_timeout=0.05)
+    stand.handshake()
+    stand.command(0.5, 1.0, sequence=2)
+    time.sleep(0.2)  # the node does not run meanwhile
+    stand.until(lambda: stand.events)
+    (waited,) = re.findall(r"([\d.]+) s, .* 0.05 s", stand.events[0].text)
+    assert float(waited) >= 0.19
+    assert stand.more_states(5) == {CeilingState.HOLDING}
+    assert stand.state.target == 0.017
+
+
+def test_what_was_commanded_before_it_was_armed_does_not_move_it(stand: Stand) -> None:
+    node = stand.motor(command_timeout=10.0)
+    stand.until_mode(CeilingState.HOLDING)
+    assert stand.change(Transition.TRANSITION_DEACTIVATE)
+    stand.until(lambda: stand.commands.get_subscription_count())
+    stand.command(0.5, 1.0, sequence=2)  # it waits in the middleware
+    node.trigger_activate()
+    stand.until(lambda: any("armed" in text for text in stand.texts(Event.REFUSED)))
+    assert not any(state.target == 0.5 for state in stand.states)
+
+
+def test_after_standing_still_only_a_fresh_height_moves_it(stand: Stand) -> None:
+    """Whether what commands it has stood still, or the motor node."""
+
+    def stood_still(before: float) -> bool:
+        return time.time() - before > LONGER_THAN_THE_TIMEOUT
+
+    def until_refused() -> None:
+        stand.until(lambda: any("waited" in text for text in stand.texts(Event.REFUSED)))
+        stand.until_moving(0.8, lambda: stand.command(0.8, time.time()))
+        assert not any(state.target == 0.9 for state in stand.states)
+        stand.events.clear()
+
+    with motor_process(**SIMULATED | {"speed": 0.05}) as motor:
+        stand.until_mode(CeilingState.HOLDING)
+        stand.until_moving(0.05, lambda: stand.command(0.05, time.time()))
+        stand.until_mode(CeilingState.HOLDING, lambda: stand.command(0.05, time.time()))
+        stand.events.clear()
+        before = time.time()
+        stand.until(lambda: stood_still(before))
+        for k in range(5):
+            stand.command(0.9, before + 0.01 * k)
+        until_refused()
+        stand.until_mode(CeilingState.HOLDING, lambda: stand.command(nan, time.time()))
+        motor.send_signal(signal.SIGSTOP)
+        before = time.time()
+        stand.command(0.9, before)
+        stand.until(lambda: stood_still(before))
+        motor.send_signal(signal.SIGCONT)
+        until_refused()

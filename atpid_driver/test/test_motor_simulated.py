@@ -1,22 +1,29 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated ceiling: exact, deterministic, by time stamps alone."""
+"""The simulated ceiling: exact, deterministic, by time stamps alone; its settings, and its injected faults."""
 
 from math import isnan, nan
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from atpid_common.injected_faults import CEILING, KINDS, FaultError, Injected
 from atpid_common.vocabulary import Mode
-from atpid_driver import NotReadyError
-from atpid_driver.motor.ceiling_actuator import Limits, Reading
+from atpid_driver import DriverError, NotReadyError, SettingsError
+from atpid_driver.motor import actuator_of
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Reading
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, WORDS, MotorFault, in_words
+from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator, Travel
+from atpid_driver.motor.simulated_faults import FaultyActuator
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
 SECOND = 10**9
+BLOCK = SECOND // 20
+GOOD: dict[str, Any] = {"backend": "simulated", "lowest": 0.017, "highest": 1.0, "speed": 0.3, "initial_height": 0.017}
 
 
 def ready(height: float = 0.017) -> SimulatedActuator:
@@ -26,29 +33,29 @@ def ready(height: float = 0.017) -> SimulatedActuator:
     return ceiling
 
 
+def faulty(part: str, kind: str, begin: float, end: float) -> FaultyActuator:
+    """Return a ceiling at 0.3 m with a fault from `begin` to `end` [s], armed."""
+    ceiling = FaultyActuator(LIMITS, 0.3, [Injected(part, kind, begin, end)])
+    ceiling.connect(0)
+    ceiling.activate(0)
+    return ceiling
+
+
 def test_travels_at_constant_speed_and_arrives_exactly() -> None:
     ceiling = ready()
     ceiling.move(0.317, 5, SECOND)
-    half, end = ceiling.read(SECOND + SECOND // 2), ceiling.read(2 * SECOND)
+    start, half, end = (ceiling.read(SECOND + part * SECOND // 2) for part in range(3))
+    assert (start.mode, start.height, start.target, start.speed) == (Mode.MOVING, 0.017, 0.317, 0.3)
     assert (half.mode, half.velocity, half.target) == (Mode.MOVING, 0.3, 0.317)
     assert half.height == pytest.approx(0.167, abs=1e-15)
     assert (end.mode, end.height, end.velocity, end.sequence) == (Mode.HOLDING, 0.317, 0.0, 5)
-
-
-def test_state_at_the_command_has_the_height_and_the_next_motion() -> None:
-    ceiling = ready()
-    ceiling.move(0.5, 1, SECOND)
-    state = ceiling.read(SECOND)
-    assert (state.mode, state.height, state.target, state.speed) == (Mode.MOVING, 0.017, 0.5, 0.3)
-
-
-def test_turns_round_where_it_is() -> None:
-    ceiling = ready()
-    ceiling.move(0.617, 1, 0)
-    ceiling.move(0.017, 2, SECOND)
-    assert ceiling.read(SECOND).height == pytest.approx(0.317, abs=1e-15)
-    assert ceiling.read(SECOND).velocity == -0.3
-    assert ceiling.read(2 * SECOND).height == 0.017
+    ceiling.move(0.617, 6, 2 * SECOND)
+    ceiling.move(0.017, 7, 2 * SECOND + SECOND // 2)
+    turned = ceiling.read(2 * SECOND + SECOND // 2)
+    assert turned.height == pytest.approx(0.467, abs=1e-15)
+    assert turned.velocity == -0.3
+    assert ceiling.read(4 * SECOND).height == 0.017
+    assert Travel(SECOND, 0.1, 0.2, 0.3).height(0) == 0.1, "before its start"
 
 
 def test_nan_stops_and_stays() -> None:
@@ -63,7 +70,7 @@ def test_nan_stops_and_stays() -> None:
 @pytest.mark.parametrize("height", [0.0169, 1.0001, 0.0, -1.0, float("inf"), float("-inf")])
 def test_heights_outside_the_limits_are_refused_and_nothing_moves(height: float) -> None:
     ceiling = ready()
-    with pytest.raises(HeightRefusedError, match=r"allowed 0\.017 to 1 m"):
+    with pytest.raises(HeightRefusedError, match=f"{height:g} m.* 0.017 to 1 m"):
         ceiling.move(height, 1, 0)
     assert ceiling.read(SECOND).height == 0.017
     assert ceiling.read(SECOND).sequence == 0
@@ -71,6 +78,8 @@ def test_heights_outside_the_limits_are_refused_and_nothing_moves(height: float)
 
 def test_does_not_move_before_it_is_activated_nor_after_it_is_deactivated() -> None:
     ceiling = SimulatedActuator(LIMITS, 0.2)
+    assert ceiling.read(0).mode is Mode.UNCONFIGURED
+    assert ceiling.health()["hardware_id"]
     for prepare in (lambda: None, lambda: ceiling.connect(0)):
         prepare()
         with pytest.raises(NotReadyError):
@@ -81,6 +90,10 @@ def test_does_not_move_before_it_is_activated_nor_after_it_is_deactivated() -> N
     state = ceiling.read(5 * SECOND)
     assert (state.mode, state.homed, isnan(state.target)) == (Mode.DISARMED, False, True)
     assert state.height == pytest.approx(0.35, abs=1e-15)
+    ceiling.close()
+    assert ceiling.read(5 * SECOND).mode is Mode.UNCONFIGURED
+    assert ceiling.connect(5 * SECOND).name
+    assert ceiling.read(5 * SECOND).mode is Mode.DISARMED
 
 
 heights = st.floats(0.017, 1.0)
@@ -107,10 +120,6 @@ def test_never_leaves_its_limits_and_never_exceeds_its_speed(start: float, plan:
         last = here
 
 
-def test_before_its_start_a_travel_is_at_its_origin() -> None:
-    assert Travel(SECOND, 0.1, 0.2, 0.3).height(0) == 0.1
-
-
 @pytest.mark.parametrize(
     "limits", [(0.0, 1.0, 0.3), (0.5, 0.5, 0.3), (0.1, float("inf"), 0.3), (0.1, 1.0, 0.0), (nan, 1, 1)]
 )
@@ -125,7 +134,7 @@ def test_a_ceiling_that_is_not_placed_is_homing_and_moves_nowhere() -> None:
     assert (state.mode, state.homed, state.ready) == (Mode.HOMING, False, False)
     assert isnan(state.height)
     assert isnan(state.target)
-    with pytest.raises(NotReadyError, match="not known yet where the ceiling stands"):
+    with pytest.raises(NotReadyError, match=r"0\.5 m"):
         ceiling.move(0.5, 1, SECOND)
     ceiling.place(0.29, SECOND)
     state = ceiling.read(2 * SECOND)
@@ -141,9 +150,8 @@ def test_without_a_reference_no_height_can_be_commanded() -> None:
 
 
 def test_it_is_not_armed_before_it_is_connected() -> None:
-    ceiling = SimulatedActuator(LIMITS, 0.2)
-    with pytest.raises(NotReadyError, match="connect it before"):
-        ceiling.activate(0)
+    with pytest.raises(NotReadyError, match="connect"):
+        SimulatedActuator(LIMITS, 0.2).activate(0)
 
 
 def test_without_a_heartbeat_it_is_off_until_it_is_armed_again() -> None:
@@ -152,8 +160,8 @@ def test_without_a_heartbeat_it_is_off_until_it_is_armed_again() -> None:
     ceiling.move(0.9, 1, 0)
     ceiling.read(SECOND)
     for turn in range(10):
-        assert ceiling.observe(SECOND + turn * SECOND // 20).mode is Mode.MOVING
-    late = ceiling.observe(SECOND + HEARTBEAT_TIME + SECOND // 20)
+        assert ceiling.observe(SECOND + turn * BLOCK).mode is Mode.MOVING
+    late = ceiling.observe(SECOND + HEARTBEAT_TIME + BLOCK)
     assert (late.mode, late.faults, late.ready) == (Mode.FAULT, MotorFault.HEARTBEAT, False)
     assert late.height == pytest.approx(0.017 + 0.3 * 1.5, abs=1e-12)
     with pytest.raises(NotReadyError):
@@ -161,3 +169,106 @@ def test_without_a_heartbeat_it_is_off_until_it_is_armed_again() -> None:
     ceiling.activate(3 * SECOND)
     armed = ceiling.read(4 * SECOND)
     assert (armed.mode, armed.faults, armed.height) == (Mode.HOLDING, NO_FAULT, late.height)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "text"),
+    [
+        ({"backend": "hydraulic"}, SettingsError, "hydraulic.*simulated.*serial"),
+        ({"backend": "serial"}, SettingsError, "port"),
+        ({"backend": "serial", "port": "/dev/x", "lockstep": True}, SettingsError, "lockstep"),
+        ({"rate": 0.0}, SettingsError, "rate 0.* 10 to 200 Hz"),
+        ({"command_timeout": nan}, SettingsError, "command_timeout.*nan"),
+        ({"lowest": 2.0}, SettingsError, r"lowest 2 m.*0 < lowest < highest"),
+        ({"initial_height": 0.01}, HeightRefusedError, r"0\.01 m.*0\.017 to 1 m"),
+        ({"backend": "serial", "port": "/dev/x", "faults": ["motor off 1 2"]}, SettingsError, "faults.*serial.*none"),
+        ({"faults": ["clock off 1 2"]}, FaultError, "clock.*height_sensor, motor"),
+    ],
+)
+def test_bad_settings_are_refused(change: dict[str, Any], kind: type[Exception], text: str) -> None:
+    with pytest.raises(kind, match=text):
+        MotorSettings(**GOOD | change)
+
+
+def test_every_fault_has_words() -> None:
+    assert in_words(NO_FAULT) == ""
+    assert len(in_words(~NO_FAULT).split("; ")) == len(MotorFault) == 18
+    both = MotorFault.HEARTBEAT, MotorFault.STALL
+    assert in_words(both[1] | both[0]) == "; ".join(WORDS[fault] for fault in both)
+
+
+#: What each fault from 1 to 4 s is found as, while the ceiling goes from 0.3 to 0.8 m; None: it is not found.
+FOUND = {
+    ("height_sensor", "off"): MotorFault.SENSOR_LOW,
+    ("height_sensor", "stuck"): MotorFault.STALL,
+    ("height_sensor", "garbage"): MotorFault.SENSOR_JUMP,
+    ("height_sensor", "wrong"): MotorFault.SENSOR_JUMP,
+    ("height_sensor", "intermittent"): MotorFault.SENSOR_LOW,
+    ("motor", "off"): MotorFault.STALL,
+    ("motor", "wrong"): MotorFault.WRONG_WAY,
+    ("motor", "slow"): MotorFault.OVERTIME,
+    ("motor", "stuck"): MotorFault.UNCOMMANDED,
+    ("motor", "delayed"): None,
+}
+
+
+@pytest.mark.parametrize("part", CEILING)
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_the_fault_the_ceiling_stays_between_grain_and_switch_and_a_person_arms_again(
+    part: str, kind: str
+) -> None:
+    """It moves up at 1.5 s; the checks of the firmware find the fault, which stays latched when its cause has gone."""
+    ceiling, found = faulty(part, kind, 1.0, 4.0), NO_FAULT
+    for block in range(1, 101):
+        now = block * BLOCK
+        try:
+            ceiling.move(0.8 if now >= 1.5 * SECOND else 0.3, block, now)
+        except DriverError:
+            assert ceiling.read(now).mode is Mode.FAULT
+        found = found or ceiling.read(now).faults
+        assert LIMITS.lowest <= ceiling.true_height <= LIMITS.highest + 0.010
+    expected = FOUND.get((part, kind), NO_FAULT)
+    if expected is None:
+        assert found == NO_FAULT
+        assert ceiling.true_height == pytest.approx(0.8, abs=1e-3)
+    elif expected:
+        assert expected in found
+        assert ceiling.read(101 * BLOCK).mode is Mode.FAULT
+        ceiling.activate(102 * BLOCK)
+        ceiling.move(0.5, 200, 102 * BLOCK)
+        assert ceiling.read(160 * BLOCK).height == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_broken_sensor_cannot_be_armed() -> None:
+    ceiling = faulty("height_sensor", "off", 1.0, 40.0)
+    assert ceiling.read(2 * SECOND).mode is Mode.FAULT
+    with pytest.raises(DriverError, match=in_words(MotorFault.SENSOR_LOW)):
+        ceiling.activate(3 * SECOND)
+
+
+def test_before_its_fault_it_moves_as_the_simulated_one() -> None:
+    ceilings: list[CeilingActuator] = [ready(0.3), faulty("motor", "off", 90.0, 91.0)]
+    for block in range(1, 80):
+        heights = []
+        for ceiling in ceilings:
+            ceiling.move(0.8 if block < 60 else 0.35, block, block * BLOCK)
+            heights.append(ceiling.read(block * BLOCK).height)
+        assert heights[0] == pytest.approx(heights[1], abs=LIMITS.speed * 1e-3 + 1e-9)
+
+
+def test_a_clock_that_is_set_moves_nothing() -> None:
+    ceiling = faulty("motor", "off", 90.0, 91.0)
+    ceiling.move(0.8, 1, BLOCK)
+    before = ceiling.read(2 * BLOCK).height
+    assert ceiling.read(3600 * SECOND).height == before
+    assert ceiling.read(BLOCK).height == before
+
+
+def test_the_actuator_is_that_of_its_settings_and_opens_nothing() -> None:
+    simulated, with_faults, serial = (
+        actuator_of(MotorSettings(**GOOD | change))
+        for change in ({}, {"faults": ["motor off 1 2"]}, {"backend": "serial", "port": "/dev/no-such-port"})
+    )
+    assert isinstance(simulated, SimulatedActuator)
+    assert isinstance(with_faults, FaultyActuator)
+    assert isinstance(serial, CeilingActuator)

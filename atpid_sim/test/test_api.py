@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from sim_refusals import refused
 
 import atpid_sim as ap
 from atpid_common.errors import InputError
@@ -19,14 +20,10 @@ from atpid_sim.simulation import simulate as module
 from atpid_sim.simulation.heights import opened
 
 mpl.use("Agg")
+
+
 SCENE = ap.standard_bench(contact={"law": "impact", "restitution": 0.2}, duration=8.0)
 LOW = SCENE.with_(height=0.1)
-
-
-def test_each_function_is_on_its_page() -> None:
-    page = (Path(__file__).parents[2] / "docs/python.md").read_text()
-    shown = {*re.findall(r"(?:`|ap\.)(\w+)\(", page)}
-    assert {name for name in api.__all__ if name.islower()} - shown == set()
 
 
 def test_importing_it_loads_nothing() -> None:
@@ -38,23 +35,16 @@ def test_importing_it_loads_nothing() -> None:
 def test_every_name_is_there_and_no_other() -> None:
     assert {name for name in dir(ap) if not hasattr(ap, name)} == set()
     assert set(dir(ap)) == {*api.__all__, "__version__"}
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+    with refused(AttributeError, "simulat"):
         _ = ap.simulat  # type: ignore[attr-defined]
+    with refused(ap.SceneError, "scene", "'a.yaml'", "Scene"):
+        ap.simulate("a.yaml")  # type: ignore[arg-type]
 
 
 def test_bags_are_of_another_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
-    with pytest.raises(AttributeError, match=r"open_run.*; bags are read by the package atpid_control"):
+    with refused(AttributeError, "open_run", "atpid_control"):
         _ = ap.open_run  # type: ignore[attr-defined]
-
-
-def test_version_is_that_of_the_package() -> None:
-    assert f'version="{ap.__version__}"' in (Path(__file__).parents[1] / "setup.py").read_text()
-
-
-def test_a_path_in_place_of_a_scene_is_one_line() -> None:
-    with pytest.raises(ap.SceneError, match=r"scene: given 'a.yaml'; allowed: a Scene, such as load_scene"):
-        ap.simulate("a.yaml")  # type: ignore[arg-type]
 
 
 def test_a_run_is_the_run() -> None:
@@ -81,7 +71,7 @@ def test_instants_are_those_asked_for(first: float, last: float, count: int) -> 
 
 @pytest.mark.parametrize("wrong", [[0.0, 1.0, 3.0], [1.0, 0.0], [0.0], [0.0, 9.0], [-1.0, 1.0], [0.0, np.nan], 3.0])
 def test_other_instants_are_refused_in_one_line(wrong: object) -> None:
-    with pytest.raises(InputError, match=r"^t_eval: given .*; allowed: two or more evenly spaced from 0 to 8 s"):
+    with refused(InputError, "t_eval", "two", "0", "8 s"):
         ap.trajectory(LOW, t_eval=wrong)  # type: ignore[arg-type]
 
 
@@ -117,14 +107,13 @@ def test_a_sweep_is_its_runs() -> None:
         assert swept.reductions[m, a, h] == pytest.approx(run.reduction, abs=1e-3)
     table = swept.to_xarray()
     assert table.beam_amplitudes.dims == ("mass_fractions", "amplitudes", "heights")
-    assert (
-        table.beam_amplitudes.sel(mass_fractions=0.2, amplitudes=0.01, heights=heights[1])
-        == swept.beam_amplitudes[1, 1, 1]
-    )
-    assert swept.plot().get_legend_handles_labels()[1][1] == "mass fraction 0.1, amplitude 0.01"
+    place = {"mass_fractions": 0.2, "amplitudes": 0.01, "heights": heights[1]}
+    assert table.beam_amplitudes.sel(place) == swept.beam_amplitudes[1, 1, 1]
+    assert len(swept.plot().get_legend_handles_labels()[1]) == 4
 
 
-def test_a_map_is_its_best_heights(tmp_path: Path) -> None:
+def test_a_map_is_its_best_heights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     made = ap.height_map(SCENE, [0.008, 0.01], [0.1], out=tmp_path / "map.npz")
     assert np.array_equal(ap.load_map(tmp_path / "map.npz").heights, made.heights)
     best = ap.best_height(SCENE)
@@ -135,14 +124,9 @@ def test_a_map_is_its_best_heights(tmp_path: Path) -> None:
     line = made.plot().get_lines()[0]
     assert np.array_equal(line.get_ydata(), made.heights[0])
     assert made.to_xarray().heights.dims == ("mass_fractions", "amplitudes")
+    wide = ap.height_map(SCENE, [0.008, 0.01], [0.1], frequency_ratios=[0.95, 1.0])
+    assert wide.to_xarray().heights.dims == ("frequency_ratios", "mass_fractions", "amplitudes")
     assert list(tmp_path.iterdir()) == [tmp_path / "map.npz"]
-
-
-def test_a_map_without_a_file_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    made = ap.height_map(SCENE, [0.008, 0.01], [0.1], frequency_ratios=[0.95, 1.0])
-    assert made.to_xarray().heights.dims == ("frequency_ratios", "mass_fractions", "amplitudes")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_a_force_drives_has_its_unit() -> None:
@@ -153,9 +137,8 @@ def test_what_a_force_drives_has_its_unit() -> None:
 
 def test_a_result_prints_names_values_and_units() -> None:
     motion = ap.trajectory(LOW, t_eval=np.linspace(0.0, 8.0, 801))
-    assert "  time               array (801,), 0 to 8 s\n" in repr(motion)
-    assert "<th>time</th><td>array (801,), 0 to 8 s</td>" in motion._repr_html_()
-    assert f"amplitude           {ap.simulate(LOW).amplitude:.6g} m" in repr(ap.simulate(LOW))
+    assert re.search(r"time +array +\(801,\), +0 +to +8 +s\n", repr(motion))
+    assert re.search(rf"amplitude +{ap.simulate(LOW).amplitude:.6g} +m", repr(ap.simulate(LOW)))
     assert np.array_equal(motion.plot().get_lines()[0].get_ydata(), motion.beam)
 
 
@@ -163,39 +146,5 @@ def test_a_result_prints_names_values_and_units() -> None:
 def test_a_library_that_is_missing_is_named(library: str, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
     motion = ap.trajectory(LOW, t_eval=[0.0, 1.0])
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(InputError, match=rf"^{call}: needs {library}, which is not installed: pip install "):
+    with refused(InputError, call, library):
         getattr(motion, call)()
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({"mass": 0.4}, "mass: unknown key; did you mean beam.mass?"),
-        ({"young_modulus": 1e9}, "young_modulus: unknown key; did you mean contact.young_modulus?"),
-        ({"height": "0.2"}, "ceiling.height: given '0.2'; allowed: a bare number, in m"),
-        ({"durations": 3.0}, "durations: unknown key; did you mean duration?"),
-        ({"stifness": 400.0}, "stifness: unknown key; did you mean beam.stiffness?"),
-        ({"heigth": 0.2}, "heigth: unknown key; did you mean ceiling.height?"),
-        ({"mas_fraction": 0.2}, "mas_fraction: unknown key; did you mean grain.mass_fraction?"),
-        ({"frequncy": 5.0}, "frequncy: unknown key; did you mean excitation.frequency?"),
-    ],
-)
-def test_a_wrong_change_of_a_scene_is_one_line_with_a_hint(change: dict[str, object], line: str) -> None:
-    with pytest.raises(ap.SceneError) as caught:
-        SCENE.with_(**change)  # type: ignore[arg-type]
-    assert str(caught.value).startswith(f"changed scene: {line}")
-
-
-def test_a_part_of_beam_or_grain_keeps_the_rest() -> None:
-    assert SCENE.with_(beam={"mass": 0.4}).beam.stiffness == SCENE.beam.stiffness
-    faster = SCENE.with_(beam={"frequency": 7.0, "damping_ratio": 0.01}).beam
-    assert faster.stiffness == pytest.approx((14.0 * np.pi) ** 2 * SCENE.beam.mass)
-    assert faster.damping == pytest.approx(0.02 * np.sqrt(faster.stiffness * faster.mass))
-    assert SCENE.with_(grain={"radius": 0.005}).grain.mass_fraction == SCENE.grain.mass_fraction
-    assert SCENE.with_(height=np.float64(0.25), mass_fraction=np.float64(0.2)).ceiling.heights == ((0.0, 0.25),)
-
-
-def test_a_scene_shows_what_is_in_its_file() -> None:
-    assert repr(SCENE).splitlines()[1] == "  beam: {mass: 0.3258, stiffness: 427.6, damping: 0.56}"
-    assert SCENE._repr_html_().startswith("<pre>Scene\n")
-    assert not {"dict", "copy", "parse_obj", "model_dump"} & set(dir(SCENE))

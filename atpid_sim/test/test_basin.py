@@ -5,6 +5,7 @@
 import csv
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sim_program import main
+from sim_refusals import command_refused
 
-from atpid_sim.periodic.basin import Basin, Starts, _Trial, basin, sampled
+from atpid_sim.periodic.basin import Basin, Starts, basin, sampled
 from atpid_sim.periodic.motion import SteadyState
-from atpid_sim.periodic.neighbourhood import Flow, cycle_of
+from atpid_sim.periodic.neighbourhood import Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.simulate import simulate
 from atpid_sim.system import Array
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -190,15 +193,6 @@ def test_a_share_is_that_of_naive_integration(scene: Scene, starts: Starts, leas
     assert abs(naive - found.share) <= 0.02 + chance
 
 
-def test_a_force_that_is_the_support_s_gives_the_same_shares() -> None:
-    """Its phase is another one: starts at random phases do not depend on it."""
-    own, same = (basin(scene, Starts(0.5), count=2000) for scene in (MIRRORED, forced(MIRRORED)))
-    assert same.amplitude == pytest.approx(own.amplitude, rel=1e-9)
-    assert same.multipliers == pytest.approx(own.multipliers, rel=1e-5, abs=1e-7)
-    assert same.drive_amplitude == pytest.approx(forced(MIRRORED).excitation.largest_amplitude)
-    assert abs(same.share - own.share) <= 3.3 * math.sqrt(0.5 / 2000)
-
-
 def test_mirror_images_have_shares_alike() -> None:
     found = basin(MIRRORED, Starts(None, 1.5), count=4000, seed=3)
     came = round(found.share * found.starts)
@@ -224,9 +218,9 @@ def test_a_held_grain_comes_back_as_fast_as_one_mass_decays() -> None:
 
 
 def test_intervals_hold_the_share_for_forty_seeds() -> None:
-    share = basin(MIRRORED, Starts(0.5), count=20_000, seed=1000).share
-    found = [basin(MIRRORED, Starts(0.5), error=0.06, seed=seed) for seed in range(40)]
-    assert all(one.high - one.low <= 0.12 for one in found)
+    share = basin(MIRRORED, Starts(0.5), count=10_000, seed=1000).share
+    found = [basin(MIRRORED, Starts(0.5), error=0.1, seed=seed) for seed in range(40)]
+    assert all(one.high - one.low <= 0.2 for one in found)
     assert len({one.share for one in found}) > 10
     assert sum(one.low <= share <= one.high for one in found) >= 35  # 34 of 95 % by chance once in 250
 
@@ -234,7 +228,7 @@ def test_intervals_hold_the_share_for_forty_seeds() -> None:
 @pytest.mark.parametrize("share", [0.002, 0.1, 0.5, 0.98])
 def test_the_interval_covers_wherever_the_sampling_ends(share: float) -> None:
     covered, sizes = 0, set()
-    for seed in range(100):
+    for seed in range(40):
         came = np.cumsum(np.random.default_rng(seed).random(2000) < share, dtype=np.int64)
 
         def run(size: int, came: NDArray[np.int64] = came) -> int:
@@ -244,7 +238,7 @@ def test_the_interval_covers_wherever_the_sampling_ends(share: float) -> None:
         low, high = sampled(run, 0.04)
         assert high - low <= 0.08
         covered += low <= share <= high
-    assert covered >= 90  # 95 less 2.3 standard deviations
+    assert covered >= 34  # 38 less 2.9 standard deviations
     assert (max(sizes) < 200) == (share == 0.002)
 
 
@@ -254,32 +248,30 @@ def test_every_state_of_a_neighbourhood_comes_to_its_motion(scene: Scene, fideli
     assert state is not None
     integration = Integration(scene, fidelity)
     cycle = cycle_of(integration, conditions, state)
-    trial, ways = _Trial(integration, conditions, cycle, Starts(0.1)), np.random.default_rng(7).normal(size=(400, 4))
-    place, size = trial.places[0], cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2)
+    flow, ways = Flow(integration, conditions, cycle.phase), np.random.default_rng(7).normal(size=(400, 4))
+    place, size = (
+        neighbourhoods(flow, cycle)[0][0],
+        cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2),
+    )
     root = np.linalg.cholesky(place[4:20].reshape(4, 4))
     states = place[:4] + np.linalg.solve(root.T, 0.999 * (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
     assert np.abs((states - place[:4]) / size).max() > 1e-3
-    after = Flow(integration, conditions, cycle.phase).passed(states, cycle.state, 60 * cycle.periods)
+    after = flow.passed(states, cycle.state, 60 * cycle.periods)
     assert after is not None
     assert np.abs((after - cycle.state.y[integration.sections.places]) / size).max() < 1e-3
 
 
 def test_it_costs_a_tenth_of_running_ten_thousand_starts() -> None:
-    found, motion = basin(BISTABLE, Starts(0.5)), promised(BISTABLE)
-    integration, conditions = Integration(BISTABLE, "impact"), conditions_of(BISTABLE)
-    trial = _Trial(integration, conditions, cycle_of(integration, conditions, motion), Starts(0.5))
-    trial.places, trial.shares, trial.own = trial.places[:0], trial.shares[:0], 0  # nowhere to end before the limit
-    trial.flow.follow(
-        *trial._states(np.random.default_rng(0).random((100, 6))), trial.limit, trial.places, trial.shares
-    )
-    assert found.steps <= 0.1 * 100 * trial.flow.steps
+    found = basin(BISTABLE, Starts(0.5))
+    one = simulate(BISTABLE.with_(duration=found.limit, steady_window=[0.0, found.limit]), "impact", check=False)
+    assert found.steps <= 0.1 * 10_000 * one.steps
 
 
 def test_where_the_own_run_comes_to_none_the_lowest_is_promised() -> None:
     scene = with_impacts(0.45, 0.062, amplitude=0.0054, frequency=4.75, mass_fraction=0.22)
     found = basin(scene, Starts(None, 1.5), error=0.1)
     assert steady_state(scene, "impact").state is None
-    assert "lowest amplitude" in found.promised
+    assert "lowest" in found.promised
     assert 0.25 < found.share < 0.55
 
 
@@ -299,19 +291,14 @@ def test_the_command_prints_and_writes_heights(tmp_path: Path, capsys: pytest.Ca
     assert [row["height"] for row in written] == ["0.14", "0.24"]
     assert rows == of_heights(capsys)
     assert main(["basin", str(SCENES / "standard.yaml"), "--height", "0.14", "--box", "1", "--starts", "50"]) == 0
-    assert "% of starts in a box of 1 come (" in capsys.readouterr().out
+    assert re.search(r"% .*1 .*\(", capsys.readouterr().out)
 
 
 def test_simulate_states_it_beside_the_multipliers(capsys: pytest.CaptureFixture[str]) -> None:
     scene = str(SCENES / "standard.yaml")
     assert main(["simulate", scene, "--steady", "--kick", "0.1"]) == 0
-    assert "100.0 % of kicks of 0.1 m/s come back (" in capsys.readouterr().out
+    assert re.search(r"100\.0 %.*0\.1 m/s", capsys.readouterr().out)
     assert main(["simulate", scene, "--steady", "--kick", "0.1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kicked"]["share"] == 1.0
-    assert main(["simulate", scene, "--kick", "0.1"]) != 0
-    assert "--kick: given 0.1 without --steady" in capsys.readouterr().err
-
-
-def test_other_excitations_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["basin", str(SCENES / "free_decay.yaml")]) != 0
-    assert "excitation: given one that is no tone" in capsys.readouterr().err
+    command_refused(capsys, ["simulate", scene, "--kick", "0.1"], 2, "--kick", "0.1", "--steady")
+    command_refused(capsys, ["basin", str(SCENES / "free_decay.yaml")], 2, "excitation", "tone")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sim_refusals import refused
 
 from atpid_common.errors import InputError
 from atpid_sim.maps import HeightMap, MapError
@@ -26,34 +27,32 @@ MAP = ROOT / "atpid_control/config/maps/standard.npz"
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "part"),
     [
-        ("? [1, 2]\n: 3", "a key is no word"),
-        ("a: !!timestamp 2001-02-31", "tag tag:yaml.org,2002:timestamp is not read"),
-        ("a: !!bool maybe", "not readable as YAML"),
-        ("a: !!float ''", "not readable as YAML"),
-        ("a: !!int 1.5", "not readable as YAML"),
-        ("a: !!python/object/apply:os.getcwd []", "is not read"),
-        ("a: !!binary aGVsbG8=", "is not read"),
-        ("a: &a [*a]", "an alias contains itself"),
-        (BILLION, "more than 1000000 values"),
-        ("[" * 100_000, "more than 50 levels"),
-        ("- " * 100_000, "more than 50 levels"),
-        ("{a: " * 100_000, "more than 50 levels"),
-        ("a: \x00", "not readable as YAML"),
-        ("{a: 1, a: 2}", "key 'a' appears twice"),
-        ("a: 0x", "a: unknown key; allowed: beam,"),
-        ("- 1", "allowed: a mapping"),
-        ("", "allowed: a mapping"),
+        ("? [1, 2]\n: 3", "key"),
+        ("a: !!timestamp 2001-02-31", "timestamp"),
+        ("a: !!bool maybe", "YAML"),
+        ("a: !!float ''", "YAML"),
+        ("a: !!int 1.5", "YAML"),
+        ("a: !!python/object/apply:os.getcwd []", "python"),
+        ("a: !!binary aGVsbG8=", "binary"),
+        ("a: &a [*a]", "alias"),
+        (BILLION, "1000000"),
+        ("[" * 100_000, "50"),
+        ("- " * 100_000, "50"),
+        ("{a: " * 100_000, "50"),
+        ("a: \x00", "YAML"),
+        ("{a: 1, a: 2}", "'a'"),
+        ("a: 0x", "beam"),
+        ("- 1", "mapping"),
+        ("", "mapping"),
     ],
-)  # fmt: skip
-def test_a_document_that_is_no_scene_is_one_line(text: str, words: str, tmp_path: Path) -> None:
+)
+def test_a_document_that_is_no_scene_is_one_line(text: str, part: str, tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(text)
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "scene.yaml", part):
         load_scene(path)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("key", ["excitation.amplitude", "ceiling.profile"])
@@ -61,7 +60,7 @@ def test_points_without_end_are_refused(key: str) -> None:
     points = [[float(k), 0.02] for k in range(100_001)]
     block, _, inner = key.partition(".")
     given = {inner: points} | ({"frequency": 5.0} if block == "excitation" else {})
-    with pytest.raises(SceneError, match=rf"{key}: given 100001 points; allowed: at most 100000"):
+    with refused(SceneError, key, "100001", "100000"):
         standard_bench(**{block: given})
 
 
@@ -75,12 +74,16 @@ def test_a_changed_scene_is_a_scene_or_one_line(place: int, text: str, cut: int)
     assert "\n" not in problem
 
 
+Change = Callable[[dict[str, Any]], dict[str, Any]]
+BEYOND = {"beam_amplitudes": 1e6, "mass_fractions": 100.0, "efficiencies": 1e3}
+
+
 def stored() -> dict[str, Any]:
     with np.load(MAP) as arrays:
         return {name: arrays[name] for name in arrays.files}
 
 
-def about(**changes: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def about(**changes: Any) -> Change:
     def changed(arrays: dict[str, Any]) -> dict[str, Any]:
         text = json.loads(str(arrays["about"])) | changes
         return arrays | {"about": np.array(json.dumps(text))}
@@ -88,22 +91,23 @@ def about(**changes: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
     return changed
 
 
-def scaled(name: str, factor: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def scaled(name: str, factor: float) -> Change:
     return lambda arrays: arrays | {name: arrays[name] * factor}
 
 
-def typed(name: str, kind: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def typed(name: str, kind: str) -> Change:
     return lambda arrays: arrays | {name: arrays[name].astype(kind)}
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        scaled("heights", 1e6), scaled("heights", 1e3), scaled("heights", 1e-3), scaled("heights", -1.0),
-        scaled("beam_amplitudes", 1e6), scaled("amplitudes", 1e6), scaled("amplitudes", -1.0),
-        scaled("mass_fractions", 100.0), scaled("efficiencies", 1e3),
-        typed("heights", "U20"), typed("heights", "datetime64[s]"), typed("heights", "complex128"),
-        typed("amplitudes", "U20"), typed("reproducible", "U5"), typed("reproducible", "float64"),
+        *(scaled("heights", factor) for factor in (1e6, 1e3, 1e-3, -1.0)),
+        *(scaled("amplitudes", factor) for factor in (1e6, -1.0)),
+        *(scaled(name, factor) for name, factor in BEYOND.items()),
+        *(typed("heights", kind) for kind in ("U20", "datetime64[s]", "complex128")),
+        typed("amplitudes", "U20"),
+        *(typed("reproducible", kind) for kind in ("U5", "float64")),
         lambda arrays: arrays | {"heights": np.float64(0.3)},
         lambda arrays: arrays | {"heights": arrays["heights"][0]},
         lambda arrays: arrays | {"amplitudes": arrays["amplitudes"][::-1]},
@@ -111,19 +115,25 @@ def typed(name: str, kind: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
         lambda arrays: arrays | {"about": np.array("[" * 100_000)},
         lambda arrays: arrays | {"about": np.array("null")},
         lambda arrays: {name: value for name, value in arrays.items() if name != "reproducible"},
-        about(format=2), about(system=None), about(system={}), about(system={"grain.radius": "wide"}),
-        about(system={"grain.radius": 1e300}), about(tolerance="fine"), about(tolerance=None), about(tolerance=-1.0),
-        about(failures=3), about(failures=[[1]]), about(failures=[["a", "b", "c"]]), about(failures=[[0.1, 0.01, "x"]]),
+        *(about(format=number) for number in (0, 2)),
+        *(about(system=given) for given in (None, {}, {"grain.radius": "wide"}, {"grain.radius": 1e300})),
+        *(about(tolerance=given) for given in ("fine", None, -1.0)),
+        *(about(failures=given) for given in (3, [[1]], [["a", "b", "c"]], [[0.1, 0.01, "x"]])),
     ],
-)  # fmt: skip
-def test_a_map_that_cannot_be_right_is_one_line(
-    change: Callable[[dict[str, Any]], dict[str, Any]], tmp_path: Path
-) -> None:
+)
+def test_a_map_that_cannot_be_right_is_one_line(change: Change, tmp_path: Path) -> None:
     path = tmp_path / "map.npz"
     np.savez(path, **change(stored()))
-    with pytest.raises(MapError) as caught:
+    with refused(MapError, "map.npz"):
         HeightMap.load(path)
-    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"no map\n", b"PK\x03\x04torn"])
+def test_a_file_that_is_no_map_is_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "map.npz"
+    path.write_bytes(content)
+    with refused(MapError, "map.npz", "NPZ"):
+        HeightMap.load(path)
 
 
 GOOD = MAP.read_bytes()
@@ -146,7 +156,3 @@ def test_a_changed_map_is_a_map_or_one_line(
         problem = str(error)
     assert "\n" not in problem
     assert ((known > 0.0) & (known <= 100.0)).all()
-
-
-def test_the_shipped_map_is_read() -> None:
-    assert HeightMap.load(MAP).heights.shape[1] > 100

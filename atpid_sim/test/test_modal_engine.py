@@ -1,20 +1,35 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Structures of several modes, and forces: against scipy's integration of the same equations, and closed forms."""
+"""Several modes, forces, several dampers, their periodic motions: against scipy, closed forms, the engine of one."""
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from sim_program import main
+from sim_refusals import refused
+from test_basin import forced
 
+from atpid_sim.engine import columns
+from atpid_sim.engine.power_series import ORDER, first_zero
+from atpid_sim.engine.sections import displaced_together, sections_of
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.modal import phasors
+from atpid_sim.periodic import Branch, Conditions, ReturnMap, SteadyState, follow_branch, solve, steady_state
+from atpid_sim.periodic.basin import Starts, basin
+from atpid_sim.periodic.over_heights import over_heights
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, SceneError, standard_bench
 from atpid_sim.simulation.energy import mode_residuals
-from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.fidelity import choose
+from atpid_sim.simulation.integration import Integration, Observation, amplitude_without_damper
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 
@@ -27,11 +42,9 @@ FURTHER = [
 
 def scene_of(drive: str = "support", modes: int = 2, amplitude: float = 0.02, **changes: Any) -> Scene:
     """A structure of some modes whose beam is that of the standard bench."""
-    given: dict[str, Any] = {
-        "further_modes": FURTHER[: modes - 1], "drive": drive, "duration": 1.5, "contact": TSUJI, "tolerance": 1e-7,
-        "excitation": {"amplitude": amplitude, "frequency": 5.2}, "ceiling": {"height": 0.12},
-    }  # fmt: skip
-    return standard_bench(**(given | changes))
+    tone, common = {"amplitude": amplitude, "frequency": 5.2}, {"duration": 1.5, "contact": TSUJI, "tolerance": 1e-7}
+    given = {"further_modes": FURTHER[: modes - 1], "drive": drive, "excitation": tone, "ceiling": {"height": 0.12}}
+    return standard_bench(**(given | common | changes))
 
 
 class Equations:
@@ -78,13 +91,11 @@ class Equations:
 @pytest.mark.parametrize("drive", ["support", "force"])
 @pytest.mark.parametrize("modes", [1, 2, 3])
 def test_contacts_of_finite_duration(drive: str, modes: int) -> None:
-    scene = scene_of(drive, modes, 0.02 if drive == "support" else 4.0)
+    scene = scene_of(drive, modes, 0.02 if drive == "support" else 4.0, duration=0.9)
     own = trajectory(scene, 500.0, "soft")
     equations = Equations(scene)
-    motion = solve_ivp(
-        equations.derivative, (0.0, scene.duration), equations.start, "DOP853", own.time, rtol=1e-9, atol=1e-12,
-        max_step=5e-4,
-    )  # fmt: skip
+    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-12, "max_step": 5e-4}
+    motion = solve_ivp(equations.derivative, (0.0, scene.duration), equations.start, t_eval=own.time, **options)
     beam = motion.y[:modes].sum(axis=0)
     assert len(own.impacts) > 5
     assert np.abs(own.beam - beam).max() < 1e-4 * np.ptp(beam)
@@ -94,10 +105,9 @@ def test_contacts_of_finite_duration(drive: str, modes: int) -> None:
 @pytest.mark.parametrize("drive", ["support", "force"])
 def test_instantaneous_impacts(drive: str) -> None:
     restitution, lifted = 0.7, 0.03
-    scene = scene_of(
-        drive, 3, 0.05 if drive == "support" else 20.0, contact={"law": "impact", "restitution": restitution},
-        duration=0.8, ceiling={"height": 0.08}, initial={"grain_height": lifted, "grain_velocity": 0.5},
-    )  # fmt: skip
+    thrown = {"grain_height": lifted, "grain_velocity": 0.5}
+    law, size = {"law": "impact", "restitution": restitution}, 0.05 if drive == "support" else 20.0
+    scene = scene_of(drive, 3, size, contact=law, duration=0.8, ceiling={"height": 0.08}, initial=thrown)
     own, equations = trajectory(scene, 500.0, "impact"), Equations(scene)
     n, t, z, beam = equations.count, 0.0, equations.start.copy(), np.zeros(len(own.time))
     z[-2:] += lifted, 0.5
@@ -112,10 +122,9 @@ def test_instantaneous_impacts(drive: str) -> None:
         vars(event).update(terminal=True, direction=-1)
     effective = 1.0 / np.sum(1.0 / equations.mass)
     while True:
-        motion = solve_ivp(
-            equations.derivative, (t, scene.duration), z, "DOP853", args=(False,), rtol=1e-11, atol=1e-13,
-            dense_output=True, events=(above_floor, below_ceiling), max_step=1e-3,
-        )  # fmt: skip
+        options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13, "max_step": 1e-3, "dense_output": True}
+        events = {"args": (False,), "events": (above_floor, below_ceiling)}
+        motion = solve_ivp(equations.derivative, (t, scene.duration), z, **options, **events)
         inside = (own.time >= t) & (own.time <= motion.t[-1])
         beam[inside] = motion.sol(own.time[inside])[:n].sum(axis=0)
         t, z = float(motion.t[-1]), motion.y[:, -1].copy()
@@ -129,13 +138,6 @@ def test_instantaneous_impacts(drive: str) -> None:
     known = own.time <= t
     assert np.sum(own.impacts["time"] < t) > 6
     assert np.abs(own.beam - beam)[known].max() < 1e-6 * np.ptp(beam[known])
-
-
-def test_a_mode_that_nothing_moves_changes_nothing() -> None:
-    still = {"mass": 1e6, "frequency": 5.0, "damping_ratio": 0.01}
-    one, two = (simulate(standard_bench(further_modes=modes), "soft", check=False) for modes in ([], [still]))
-    assert two.amplitude == pytest.approx(one.amplitude, rel=1e-6)
-    assert two.impacts == one.impacts
 
 
 @pytest.mark.parametrize("drive", ["support", "force"])
@@ -152,6 +154,11 @@ def test_the_closed_damper_and_the_bare_structure_in_closed_form(drive: str) -> 
     assert result.bare_amplitude == pytest.approx(0.01 * abs(alone), rel=1e-9)
     assert result.amplitude == pytest.approx(0.01 * abs(together), rel=2e-3)  # what couples joined modes is left out
     assert abs(result.energy_residual) < 2e-3  # by the same
+
+
+def test_a_force_is_no_unusual_displacement() -> None:
+    lines = scene_of("force", 2, 100.0, beam={"mass": 2.0, "frequency": 31.0, "damping_ratio": 0.05}).warnings()
+    assert [line for line in lines if line.startswith("excitation, ")] == []
 
 
 def test_the_ledger_of_each_mode_closes() -> None:
@@ -179,28 +186,284 @@ def test_the_response_starts_in_the_closed_damper_s_steady_motion() -> None:
     assert followed.amplitude == pytest.approx(response.closed_amplitude(0.02), rel=1e-9)
     assert followed.regular
     opened = response.opened(0.02, 0.1, Timing(60, 8))
-    longer = simulate(scene.with_(height=0.1, duration=60.0, steady_window=[58.0, 60.0], excitation={
-        "amplitude": 0.02, "frequency": 5.2}), "impact", check=False)  # fmt: skip
+    longer = simulate(scene.with_(height=0.1, duration=60.0, steady_window=[58.0, 60.0]), "impact", check=False)
     assert opened.amplitude == pytest.approx(longer.amplitude, rel=0.05)
 
 
-def test_modes_of_one_frequency_are_those_of_their_sum() -> None:
-    # two modes that only differ in mass move as one whose compliance is the sum of theirs
-    def run(*modes: dict[str, float]) -> float:
-        first, *further = [{"frequency": 5.5, "damping_ratio": 0.02} | mode for mode in modes]
-        grain = {"mass_fraction": 0.04 / (0.04 + first["mass"]), "radius": 0.0085}
-        scene = scene_of(beam=first, further_modes=further, grain=grain, duration=3.0)
-        return simulate(scene, "soft", check=False).amplitude
-
-    both = run({"mass": 0.6}, {"mass": 1.2, "drive_factor": 1.0 / 3.0})
-    assert both == pytest.approx(run({"mass": 0.4}), rel=1e-4)
+BOUNCING = {"law": "impact", "restitution": 0.6}
+STIFF = {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0}
+FURTHER_MODE = {"mass": 2.4, "frequency": 31.0, "damping_ratio": 0.02, "drive_factor": -0.3}
+#: A further damper that does (nearly) nothing: a light grain where the only mode has a node, held.
+IDLE = {"mass_fraction": 1e-6, "height": 0.017, "shapes": [0.0]}
 
 
-def test_a_force_is_no_unusual_displacement() -> None:
-    lines = scene_of("force", 2, 100.0, beam={"mass": 2.0, "frequency": 31.0, "damping_ratio": 0.05}).warnings()
-    assert [line for line in lines if line.startswith("excitation, ")] == []
+def several(*dampers: dict[str, Any], **changes: Any) -> Scene:
+    """The standard bench with instantaneous impacts and further dampers."""
+    given: dict[str, Any] = {"contact": BOUNCING, "excitation": {"amplitude": 0.01, "frequency": 5.4}}
+    return standard_bench(**({"further_dampers": list(dampers)} | given | changes))
 
 
-def test_a_mode_without_mass_is_refused() -> None:
-    with pytest.raises(SceneError, match=r"further_modes\[0\].mass"):
-        scene_of(further_modes=[{"mass": 0.0, "frequency": 1.0, "damping_ratio": 0.0}])
+def equal(count: int, mass_fraction: float, height: float) -> dict[str, Any]:
+    """Keys of so many equal cells that share the mass of one grain of `mass_fraction`."""
+    share = mass_fraction / (1.0 - mass_fraction) / count
+    own = {"mass_fraction": share / (1.0 + share)}
+    cells = [own | {"height": height, "count": count - 1}]
+    return {"further_dampers": cells, "grain": own | {"radius": 0.0085}, "ceiling": {"height": height}}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"gravity": 0.0, "ceiling": {"height": 0.19}},
+        {"ceiling": {"closed": 0.017, "open": 0.15, "start": 3.0, "end": 5.0}},
+        {"excitation": {"free": {"deflection": 0.05}}},
+        {"contact": STIFF},
+        {"initial": {"grain_height": 0.05, "grain_velocity": 0.3}},
+    ],
+)
+def test_one_damper_is_what_the_engine_of_one_computes(changes: dict[str, Any]) -> None:
+    one = trajectory(several(**changes, duration=6.0), 500.0, "impact")
+    other = trajectory(several(IDLE, **changes, duration=6.0), 500.0, "impact")
+    assert len(one.impacts) > 10
+    # the bounces that lead to rest are cut off by the same rule, and resting grains by another one
+    early = one.time < 2.0
+    assert np.abs(one.beam - other.beam)[early].max() < 1e-7 * np.ptp(one.beam)
+    assert np.abs(one.grain - other.grain)[early].max() < 1e-7 * np.ptp(one.grain)
+    assert np.abs(one.beam - other.beam).max() < 1e-4 * np.ptp(one.beam)
+
+
+def test_equal_cells_that_start_alike_move_as_one_grain() -> None:
+    grain = {"mass_fraction": 0.1, "radius": 0.0085}
+    one = trajectory(several(grain=grain, ceiling={"height": 0.2}, duration=5.0), 500.0, "impact")
+    cells = trajectory(several(**equal(3, 0.1, 0.2), duration=5.0), 500.0, "impact")
+    assert np.abs(one.beam - cells.beam).max() < 1e-6 * np.ptp(one.beam)
+    assert cells.further_grains == pytest.approx(np.array([cells.grain, cells.grain]))
+    assert sorted(set(cells.impacts["damper"])) == [1.0, 2.0, 3.0]
+    assert len(cells.impacts) == 3 * len(one.impacts)
+
+
+@pytest.mark.parametrize("drive", ["support", "force"])
+def test_closed_dampers_at_several_points_in_closed_form(drive: str) -> None:
+    shapes, size, omega = np.array([[1.0, 1.0], [0.4, -1.3], [0.8, 0.2]]), 0.02, 2.0 * math.pi * 5.0
+    dampers = [{"mass_fraction": 0.2, "height": 0.017, "shapes": [float(s) for s in row]} for row in shapes[1:]]
+    tone = {"amplitude": size, "frequency": 5.0}
+    scene = several(*dampers, further_modes=[FURTHER_MODE], drive=drive, ceiling={"height": 0.017}, excitation=tone)
+    scene = scene.with_(duration=120.0, steady_window=[119.0, 120.0])
+    modes = scene.modes
+    assert modes is not None
+    grains = np.array([one.grain_mass for one in scene.dampers])
+    matrix = np.diag(modes.free.stiffness + 1j * omega * modes.free.damping)
+    matrix = matrix - omega**2 * (np.diag(modes.free.mass) + (shapes.T * grains) @ shapes)
+    expected = size * abs(np.linalg.solve(matrix, modes.free.direct + 1j * omega * modes.free.rate).sum())
+    found = Integration(scene, "impact").run(Observation(scene.steady_window))
+    assert found.last.amplitude == pytest.approx(expected, rel=1e-9)  # what couples modes by damping included
+    assert abs(found.ledger.residual) < 1e-12
+    assert simulate(scene, check=False).motion == "closed"
+
+
+def test_the_ledger_closes_and_impacts_are_counted_by_damper() -> None:
+    scene = several(
+        {"mass_fraction": 0.05, "height": 0.1, "shapes": [0.7, -1.2]},
+        {"mass_fraction": 0.02, "height": 0.03, "radius": 0.004, "count": 2},
+        further_modes=[FURTHER_MODE],
+        ceiling={"closed": 0.017, "open": 0.2, "start": 1.0, "end": 3.0},
+        duration=8.0,
+    )
+    result = simulate(scene, check=False)
+    assert len(result.impacts_per_damper) == 4
+    assert min(result.impacts_per_damper) > 0
+    assert sum(result.impacts_per_damper) == result.impacts
+    assert abs(result.energy_residual) < 1e-9
+    assert result.ledger.contact_loss > 0.1 * result.ledger.input
+    assert result.ledger.ceiling_work != 0.0
+
+
+def test_momentum_and_restitution_of_one_impact_where_the_shape_is_another() -> None:
+    other, light = (
+        {"mass_fraction": 0.3, "height": 0.5, "shapes": [0.5, -2.0]},
+        {"mass_fraction": 1e-6, "radius": 0.0085},
+    )
+    scene = several(other, further_modes=[FURTHER_MODE], grain=light, ceiling={"height": 0.017}, duration=0.5)
+    scene = scene.with_(excitation={"amplitude": 0.08, "frequency": 5.0})
+    motion = trajectory(scene, 1e5, "impact")
+    time, side, speed, _damper = motion.impacts[motion.impacts["damper"] == 2.0][0]
+    modes, damper = [scene.beam, *scene.further_modes], scene.dampers[1]
+    compliance = sum(shape**2 / mode.mass for shape, mode in zip(damper.shapes, modes, strict=True))
+    impulse = 1.6 * side * speed / (compliance + 1.0 / damper.grain_mass)
+    before = int(time * 1e5)
+    leap = motion.beam_velocity[before + 1] - motion.beam_velocity[before]
+    expected = -impulse * sum(shape / mode.mass for shape, mode in zip(damper.shapes, modes, strict=True))
+    assert leap == pytest.approx(expected, abs=1e-5 * np.abs(motion.beam_acceleration).max() + 1e-6)
+
+
+def test_cells_that_start_apart_scatter_and_this_is_named() -> None:
+    scene = several(**equal(5, 0.1, 0.35), gravity=0.0, duration=20.0)
+    result = simulate(scene)
+    assert not result.reproducible
+    assert result.spread is not None
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=8), st.floats(0.0, 1.0), st.floats(1e-3, 1.0))
+def test_no_zero_of_a_polynomial_is_passed(coefficients: list[float], first: float, length: float) -> None:
+    series = np.zeros(ORDER + 1)
+    series[0], series[1 : 1 + len(coefficients)] = first, coefficients
+    reached, found = first_zero(series, length, 1e-14)
+    inside = np.linspace(0.0, reached, 2000)
+    assert np.polynomial.polynomial.polyval(inside, series)[1:].min(initial=1.0) > -1e-12
+    if found:
+        assert np.polynomial.polynomial.polyval(reached, series) <= 1e-12
+
+
+def test_what_takes_one_damper_refuses_several() -> None:
+    scene = several({"mass_fraction": 0.1, "height": 0.1})
+    for call in (
+        lambda: steady_state(scene),
+        lambda: basin(scene, Starts(0.1)),
+        lambda: Plant(scene),
+        lambda: DamperResponse(scene),
+        lambda: over_heights([scene], np.array([0.1])),
+    ):
+        with refused(SceneError, "further_dampers", "1", "one damper"):
+            call()
+    for fidelity in ("soft", "finite", "simplified"):
+        with refused(ValueError, fidelity, "further_dampers", "auto", "impact"):
+            choose(scene, fidelity)
+    with refused(ValueError, "finite", "further_dampers"):
+        Integration(several({"mass_fraction": 0.1, "height": 0.1}, contact=STIFF), "finite")
+
+
+def test_a_held_grain_too_soft_for_its_weight_ends_the_run() -> None:
+    soft = {"law": "linear", "stiffness": 20.0, "restitution": 0.5}
+    scene = several({"mass_fraction": 0.5, "height": 0.017}, contact=soft)
+    state = (integration := Integration(scene, "impact")).initial_state()
+    assert integration.advance(state, integration.table).name == "OVERLAP_TOO_DEEP"
+
+
+def test_the_reference_without_damper_is_that_of_one() -> None:
+    scene = several({"mass_fraction": 0.1, "height": 0.1})
+    alone = several()
+    assert amplitude_without_damper(scene) == pytest.approx(amplitude_without_damper(alone), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"further_modes": [{"mass": 0.0, "frequency": 1.0, "damping_ratio": 0.0}]}, "further_modes[0].mass"),
+        ({"further_dampers": [{"mass_fraction": 0.1, "height": 0.01}]}, "further_dampers[0].height 0.01 grain"),
+        (
+            {"further_dampers": [IDLE, {"mass_fraction": 0.1, "height": 0.1, "shapes": [1.0, 2.0]}]},
+            "further_dampers[1].shapes 1 numbers",
+        ),
+        ({"further_dampers": [{"mass_fraction": 0.01, "height": 0.1, "count": 200}]}, "further_dampers 201 200"),
+        ({"grain": {"mass_fraction": 0.1, "radius": 0.0085, "count": 3}}, "grain.count 3 one grain"),
+    ],
+)
+def test_errors_name_the_key_and_what_is_allowed(changes: dict[str, Any], parts: str) -> None:
+    with refused(SceneError, *parts.split()):
+        several(**changes)
+
+
+IMPACT = {"law": "impact", "restitution": 0.3}
+#: A mode so heavy that nothing moves it.
+STILL = {"mass": 1e6, "frequency": 5.5, "damping_ratio": 0.05}
+
+
+def found(scene: Scene, fidelity: str = "auto", rtol: float = 1e-8) -> SteadyState:
+    state = steady_state(scene, fidelity, rtol).state
+    assert state is not None
+    return state
+
+
+def settled(scene: Scene, fidelity: str) -> float:
+    """Amplitude after 300 s [m]."""
+    longer = scene.with_(duration=300.0, steady_window=[298.0, 300.0])
+    return Integration(longer, fidelity, 1e-9).run(Observation(longer.steady_window)).last.amplitude
+
+
+@pytest.mark.parametrize(
+    ("drive", "modes", "law", "fidelity"),
+    [
+        ("support", 2, TSUJI, "soft"),
+        ("support", 3, TSUJI, "finite"),
+        ("support", 3, IMPACT, "impact"),
+        ("force", 1, TSUJI, "soft"),
+        ("force", 2, IMPACT, "impact"),
+        ("force", 3, TSUJI, "soft"),
+    ],
+)
+def test_it_is_what_the_run_settles_to(drive: str, modes: int, law: dict[str, Any], fidelity: str) -> None:
+    scene = scene_of(drive, modes, 0.02 if drive == "support" else 4.0, contact=law, duration=20.0)
+    state = found(scene, fidelity)
+    assert len(state.impacts) > 1
+    assert len(state.section) == len(state.multipliers) == 2 * modes + 2
+    left_out = state.error_estimate if fidelity == "finite" else 0.0
+    assert state.amplitude == pytest.approx(settled(scene, fidelity), rel=3e-8 + left_out)
+
+
+def test_a_held_grain_leaves_the_joined_modes_which_decay_as_they_do() -> None:
+    scene = scene_of(modes=3, ceiling={"height": 0.017}, contact=IMPACT, duration=20.0)
+    state, modes = found(scene, "impact"), scene.modes
+    assert modes is not None
+    decay = np.exp(-0.5 * modes.joined.damping / modes.joined.mass * state.periods / scene.frequency_hz)
+    assert sorted(np.abs(state.multipliers)) == pytest.approx([0.0, 0.0, *sorted(np.repeat(decay, 2))], rel=1e-6)
+
+
+@pytest.mark.parametrize("fidelity", ["impact", "soft"])
+def test_a_force_that_is_the_support_s_gives_the_same_motion(fidelity: str) -> None:
+    law = IMPACT if fidelity == "impact" else TSUJI
+    scene = standard_bench(contact=law, ceiling={"height": 0.1}, duration=20.0)
+    own, same = (found(one, fidelity) for one in (scene, forced(scene)))
+    assert same.amplitude == pytest.approx(own.amplitude, rel=1e-8)
+    assert abs(same.multipliers[0]) == pytest.approx(abs(own.multipliers[0]), rel=1e-4)
+
+
+def upward(scene: Scene) -> Branch:
+    """The motion of a scene followed while the ceiling is raised."""
+    state, height = found(scene, "impact"), scene.ceiling.heights[-1][1]
+    integration = Integration(scene, "impact")
+    conditions = Conditions(scene.excitation.amplitude_points[-1][1], scene.frequency_hz, height)
+    motion = solve(ReturnMap(integration, conditions, state.phase, state.periods), state.section).motion
+    assert motion is not None
+    return follow_branch(integration, motion, {"height": (0.9 * height, 0.3)}, to_cliff=True)
+
+
+def test_a_mode_that_nothing_moves_leaves_motion_and_cliff_where_they_are() -> None:
+    scene = standard_bench(contact=IMPACT, ceiling={"height": 0.15}, duration=20.0)
+    more = scene.with_(further_modes=[STILL])
+    own, same = found(scene, "impact"), found(more, "impact")
+    assert same.amplitude == pytest.approx(own.amplitude, rel=1e-5)
+    decay = math.exp(-2.0 * math.pi * 0.05 * 5.5 / scene.frequency_hz)
+    assert np.sort(np.abs(same.multipliers)) == pytest.approx(
+        np.sort([*np.abs(own.multipliers), decay, decay]), rel=1e-4, abs=1e-6
+    )
+    cliffs = [upward(one).cliff for one in (scene, more)]
+    known = [(each.loss, each.motion.conditions.height) for each in cliffs if each is not None]
+    (first, height), (second, other) = known
+    assert second is first
+    assert other == pytest.approx(height, rel=1e-4)
+
+
+def test_a_section_state_is_that_of_the_engine() -> None:
+    sections = sections_of(3)
+    section = np.arange(1.0, 9.0)
+    state = sections.flying(section)
+    assert state.y[sections.places] == pytest.approx(section)
+    assert (state.beam, state.beam_velocity, state.grain) == (1.0 + 3.0 + 5.0, 2.0 + 4.0 + 6.0, 7.0)
+    assert state.mode == columns.FREE
+    moved = sections.flying(displaced_together(8)[2])
+    assert moved.grain == moved.beam == 1.0
+
+
+def test_the_commands_take_several_modes_and_a_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = scene_of("force", 2, 4.0, contact=IMPACT, ceiling={"height": 0.06}, duration=20.0)
+    path = tmp_path / "s.yaml"
+    path.write_text(scene.to_yaml(), encoding="utf-8")
+    assert main(["simulate", str(path), "--steady", "--kick", "0.1", "--json"]) == 0
+    steady = json.loads(capsys.readouterr().out)
+    assert steady["amplitude"] == pytest.approx(simulate(scene.with_(duration=80.0), check=False).amplitude, rel=1e-3)
+    assert len(steady["multipliers"]) == 6
+    assert steady["kicked"]["drive_amplitude"] == 4.0
+    assert main(["basin", str(path), "--starts", "50"]) == 0
+    assert "force 4 N" in capsys.readouterr().out

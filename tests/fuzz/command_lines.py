@@ -7,123 +7,67 @@ from __future__ import annotations
 import argparse
 import os
 from argparse import ArgumentTypeError
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from documented import OpenParser, parsers_of
 from hypothesis import strategies as st
 
-from atpid_common.arguments import file_path, text, word
-from atpid_common.cli import Parser, load
 from atpid_control import cli as control
 from studies import cli as studies
 
-Main = Callable[[Sequence[str]], int]
 ROOT = Path(__file__).resolve().parent.parent.parent
+PROGRAMS = {"atpid": control, "studies": studies}
+PARSERS = {f"{program} {name}": parser for program, of in PROGRAMS.items() for name, parser in parsers_of(of.COMMANDS)}
 #: What a line may hold instead of a path: INPUTS are there, OUTPUTS are to be made.
-INPUTS, OUTPUTS = (
-    ("SCENE", "BAG", "CSV", "READINGS"),
-    ("DIR", "MAP", "PNG", "SERIES", "HEADER", "PAGE", "YAML", "LINK", "MCAP"),
-)
+INPUTS, OUTPUTS = ("SCENE", "BAG", "CSV", "READINGS"), ("DIR", "NPZ", "PNG", "SERIES", "HEADER", "YAML", "MCAP")
 
-#: A valid line of each command; what would start processes or need a device lacks nothing but its hostile place.
-LINES: dict[str, tuple[Main, str]] = {
-    "simulate": (control.main, "simulate SCENE --rtol 1e-4 --height 0.1 --series SERIES --rate 100 --picture PNG"),
-    "basin": (
-        control.main,
-        "basin SCENE --height 0.1 --kick 0.1 --error 0.2 --starts 5 --seed 1 --out SERIES --workers 1",
-    ),
-    "heights": (
-        control.main,
-        "sweep SCENE --heights 0.1:0.2:2 --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --rtol 1e-2 --out SERIES",
-    ),
-    "map": (
-        control.main,
-        "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out MAP --header HEADER --workers 1",
-    ),
-    "cliffs": (control.main, "cliffs SCENE --height 0.19:0.3 --amplitudes 0.009:0.011 --out SERIES --picture PNG"),
-    "sweep": (studies.main, "sweep --points 1 --rtol 1e-3"),
-    "tradeoff": (studies.main, "tradeoff SCENE --out DIR --patience 1"),
-    "extremes": (studies.main, "extremes --systems 1 --first 0 --seed 1 --fidelities impact --out DIR"),
-    "atlas": (studies.main, "atlas SCENE --out DIR --amplitudes 0.01:0.02 --quick --workers 1"),
-    "bench": (
-        control.main,
-        "bench SCENE --out DIR --domain 7 --priority 0 --map MAP --params-file YAML --namespace lab1",
-    ),
-    "soak": (studies.main, "soak SCENE --hours 1 --leg 1 --seed 1 --out DIR"),
-    "stand": (
-        control.main,
-        "stand SCENE --map MAP --labjack-config YAML --params-file YAML --namespace lab1 --log-level warn",
-    ),
-    "excite": (control.main, "excite SCENE --amplitude 0.01 --frequency 5 --sweep 6 --duration 10 --namespace lab1"),
-    "campaign": (control.main, "campaign CSV --out DIR"),
-    "first-run": (control.main, "first-run SCENE --out DIR --simulated --yes --amplitude 0.01 --move 0.1"),
-    "bag import": (control.main, "bag import CSV --out DIR --rate 100"),
-    "calibrate campaign": (control.main, "calibrate campaign BAG --out DIR --moving-mass 1"),
-    "seeds": (studies.main, "seeds SCENE --seeds 1 --decibels 20 --margin 1"),
-    "faults": (studies.main, "faults --out DIR --part clock --domain 7"),
-    "replay": (control.main, "replay BAG --out DIR --rate 0 --domain 7"),
-    "bag report": (control.main, "bag report BAG --out DIR"),
-    "bag traces": (control.main, "bag traces BAG --out MCAP --rate 200"),
-    "select": (control.main, "select SCENE --method lookup --map MAP --amplitude-std 0.001 --margin 1"),
-    "methods": (studies.main, "methods SCENE --out DIR"),
-    "off-resonance": (studies.main, "off-resonance --systems 1 --seed 1"),
-    "learn": (control.main, "learn --out DIR --systems 32"),
-    "design": (
-        control.main,
-        "design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --uncertainty mass=0.1 --out DIR",
-    ),
-    "modes cantilever": (
-        control.main,
-        "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5e9 --density 2400 --tip-mass 0.25 "
-        "--tip-inertia 1e-5 --damping-ratio 0.02 --modes 2 --force-at 0.3 --scene SCENE --out YAML",
-    ),
-    "modes file": (
-        control.main,
-        "modes file CSV --container 1:z --force-at 2:z --modes 2 --damping-ratio 0.02 --scene SCENE --out YAML",
-    ),
-    "modes fit": (
-        control.main,
-        "modes fit CSV --modes 2 --masses 0.3 1 --damping-ratio 0.02 --from 0 --to 9 --scene SCENE --out YAML",
-    ),
-    "calibrate beam": (
-        control.main,
-        "calibrate beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",
-    ),
-    "calibrate contact": (
-        control.main,
-        "calibrate contact CSV --mass 0.02 --radius 0.01 --gravity 9.81 --channel force "
-        "--height-std 1e-4 --from 0 --to 9 --out YAML",
-    ),
-    "bag validate": (control.main, "bag validate CSV --scene SCENE --height 0.1 --from 0 --to 9 --out DIR"),
-    "bag export": (control.main, "bag export BAG --format csv --out SERIES --topic /sensors/laser --from 0 --to 9"),
-    "bag analyse": (control.main, "bag analyse BAG --out DIR --from 0 --to 9 --resolution 1"),
-    "bag compare": (control.main, "bag compare BAG BAG --out DIR"),
-    "thesis": (studies.main, "thesis free_decay --out DIR --scenes DIR"),
-    "figures": (studies.main, "figures selection --out DIR --map MAP"),
-    "calibrate sensor": (
-        control.main,
-        "calibrate sensor READINGS --channel c --sensor s --serial 1 --degree 1 --limits 1 5 --broken-loop 0.5 "
-        "--date 2026-01-01 --out YAML --picture PNG",
-    ),
-    "calibrate reading": (
-        control.main,
-        "calibrate reading READINGS --position 0.1 --terminal AIN0 --serial 1 --rate 100 --seconds 0.1 --library /none",
-    ),
-    "load": (studies.main, "load --seconds 1 --bag DIR"),
-    "standin": (control.main, "standin --ljm-control LINK --drop 1 --fail 1 --hold 0:1 --release 0"),
-    "bag extract": (control.main, "bag extract BAG --out DIR --support 0:1"),
-    "emulator": (control.main, "emulator --link LINK --eeprom LINK --height 0.3"),
-    "fuzz": (studies.main, "fuzz --frames 1 --seed 1"),
-    "ros echo": (control.main, "ros echo /topic --once"),
-    "ros param": (control.main, "ros param get /node name"),
-    "ros lifecycle": (control.main, "ros lifecycle /node configure"),
+#: A valid line of each command that reads or makes files before it does anything else.
+_LINES = """
+atpid simulate SCENE --series SERIES --picture PNG
+atpid basin SCENE --height 0.1 --kick 0.1 --starts 5 --out SERIES
+atpid sweep SCENE --heights 0.1:0.2:2 --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out SERIES
+atpid map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out NPZ --header HEADER
+atpid cliffs SCENE --height 0.19:0.3 --amplitudes 0.009:0.011 --out SERIES --picture PNG
+atpid bench SCENE --out DIR --map NPZ --params-file YAML
+atpid excite SCENE --amplitude 0.01
+atpid campaign CSV --out DIR
+atpid first-run SCENE --out DIR --simulated --yes
+atpid replay BAG --out DIR
+atpid select SCENE --method lookup --map NPZ
+atpid learn --out DIR --systems 32
+atpid design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --out DIR
+atpid modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5e9 --density 2400 --tip-mass 0.25 \
+    --damping-ratio 0.02 --modes 2 --force-at 0.3 --scene SCENE --out YAML
+atpid modes file CSV --container 1:z --modes 2 --damping-ratio 0.02 --scene SCENE --out YAML
+atpid modes fit CSV --modes 2 --scene SCENE --out YAML
+atpid calibrate beam CSV --moving-mass 0.4 --out YAML
+atpid calibrate contact CSV --mass 0.02 --radius 0.01 --gravity 9.81 --channel force --out YAML
+atpid calibrate campaign BAG --out DIR --moving-mass 1
+atpid calibrate sensor READINGS --channel c --sensor s --serial 1 --out YAML --picture PNG
+atpid bag import CSV --out DIR --rate 100
+atpid bag report BAG --out DIR
+atpid bag traces BAG --out MCAP
+atpid bag validate CSV --scene SCENE --height 0.1 --out DIR
+atpid bag export BAG --format csv --out SERIES
+atpid bag analyse BAG --out DIR
+atpid bag compare BAG BAG --out DIR
+atpid bag extract BAG --out DIR --support 0:1
+studies tradeoff SCENE --out DIR
+studies extremes --systems 1 --out DIR
+studies atlas SCENE --out DIR --quick
+studies soak SCENE --hours 1 --out DIR
+studies seeds SCENE --seeds 1
+studies faults --out DIR --part clock
+studies methods SCENE --out DIR
+studies thesis free_decay --out DIR --scenes DIR
+studies figures selection --out DIR --map NPZ
+"""
+#: The words of each line by the program and name of its command: those after the program.
+LINES = {
+    next(name for name in PARSERS if line.startswith(f"{name} ")): line.split()[1:]
+    for line in _LINES.strip().splitlines()
 }
-
-#: Commands whose outputs cannot be tried without starting what they are for: only their other words are changed.
-_STARTED = {
-    "load", "stand", "emulator", "fuzz", "ros echo", "ros param", "ros lifecycle", "standin", "calibrate reading",
-}  # fmt: skip
 
 #: What a person, a script or a damaged file may put where a value belongs; a type refuses most of it.
 VALUES = st.one_of(
@@ -150,23 +94,19 @@ class Places:
         made = {
             "SCENE": ROOT / "scenes/standard.yaml", "BAG": ROOT / "bags/thesis_4_3_short",
             "CSV": self.user / "recording.csv", "READINGS": self.out / "readings.csv", "DIR": self.out / "new",
-            "MAP": self.out / "map.npz", "PNG": self.out / "p.png", "SERIES": self.out / "s.csv",
-            "HEADER": self.out / "t.h", "PAGE": self.out / "p.md", "YAML": self.out / "y.yaml", "LINK": self.out / "l",
-            "MCAP": self.out / "t.mcap",
+            "NPZ": self.out / "map.npz", "PNG": self.out / "p.png", "SERIES": self.out / "s.csv",
+            "HEADER": self.out / "t.h", "YAML": self.out / "y.yaml", "MCAP": self.out / "t.mcap",
         }  # fmt: skip
         return str(made.get(given, given))
 
-    def hostile_inputs(self) -> list[str]:
-        """Return what no command can read."""
+    def hostile(self, kind: str) -> list[str]:
+        """Return what no command can read, as "input", or what none can write or may replace, as "output"."""
         user = self.user
-        files = [user / "pipe", user, user / "none", user / "empty", user / "noise", "/dev/full", "/dev/zero"]
-        return [*map(str, files), "a\0b", "x" * 300, "y/" * 3000, ""]
-
-    def hostile_outputs(self) -> list[str]:
-        """Return what no command can write, or may not replace."""
-        user = self.user
-        files = ["/proc/nowhere/x", "/dev/full", user / "pipe", user / "mine.txt", user / "mine.txt/below"]
-        return [*map(str, files), "a\0b", "x" * 300, "y/" * 3000, ""]
+        files = {
+            "input": [user / "pipe", user, user / "none", user / "empty", user / "noise", "/dev/full", "/dev/zero"],
+            "output": ["/proc/nowhere/x", "/dev/full", user / "pipe", user / "mine.txt", user / "mine.txt/below"],
+        }
+        return [*map(str, files[kind]), "a\0b", "x" * 300, "y/" * 3000, ""]
 
 
 def make_user_files(folder: Path) -> None:
@@ -179,21 +119,9 @@ def make_user_files(folder: Path) -> None:
     (folder / "recording.csv").write_text("time,support_displacement,beam_displacement\n0,0,0\n")
 
 
-def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield each command's own parser."""
-    for program in (control, studies):
-        for name, (place, _) in (item for group in program.COMMANDS.values() for item in group.items()):
-            parser = Parser(prog=name)
-            load(place).add_arguments(parser)
-            yield name, parser
-            for action in parser._actions:
-                if isinstance(action, argparse._SubParsersAction):
-                    yield from ((f"{name} {inner}", one) for inner, one in action.choices.items())
-
-
-def actions(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+def takes_values(parser: OpenParser) -> list[argparse.Action]:
     """Return the arguments that take a value."""
-    return [action for action in parser._actions if action.nargs != 0 and not action.choices]
+    return [action for action in parser.arguments if action.nargs != 0 and not action.choices]
 
 
 def refused(action: argparse.Action, given: str) -> bool:
@@ -210,50 +138,19 @@ def refused(action: argparse.Action, given: str) -> bool:
 @st.composite
 def hostile_lines(draw: st.DrawFn, places: Places) -> tuple[str, list[str]]:
     """Return the name of a command, and a line of it that is impossible in exactly one place."""
-    name = draw(st.sampled_from(sorted(LINES)))
-    words = LINES[name][1].split()
-    kinds = ["option", "value"]
-    kinds += ["input"] * any(given in INPUTS for given in words) * 2
-    kinds += ["output"] * (name not in _STARTED and any(given in OUTPUTS for given in words)) * 2
-    kind = draw(st.sampled_from(kinds))
-    if kind == "option":
-        place = draw(st.integers(1, len(words)))
-        words.insert(place, draw(st.sampled_from(["--unknown", "--unknown=1", "-Z"])))
-        return name, [places.fill(given) for given in words]
-    if kind == "value":
-        changed = [place for place, given in enumerate(words) if _is_value(words, place)]
-        if not changed:
-            return name, ["--unknown"]
-        place = draw(st.sampled_from(changed))
-        given = draw(VALUES.filter(lambda value: _impossible(name, words, place, value)))
-    else:
-        chosen = INPUTS if kind == "input" else OUTPUTS
-        place = draw(st.sampled_from([place for place, given in enumerate(words) if given in chosen]))
-        given = draw(st.sampled_from(places.hostile_inputs() if kind == "input" else places.hostile_outputs()))
-    filled = [places.fill(word_) for word_ in words]
-    if place and words[place - 1].startswith("--") and kind == "value":
-        filled[place - 1 : place + 1] = [f"{words[place - 1]}={given}"]
-    else:
-        filled[place] = given
-    return name, filled
-
-
-_PARSERS = dict(parsers())
-
-
-def _is_value(words: list[str], place: int) -> bool:
-    return place > 0 and words[place - 1].startswith("--") and not words[place].startswith("--")
-
-
-def _impossible(name: str, words: list[str], place: int, value: str) -> bool:
-    """Return whether the type of the option before `place` refuses the value, by the parser of the command itself."""
-    parser = _PARSERS.get(name)
-    if parser is None:  # of the commands with a parser of their own
-        number = words[place] not in (*INPUTS, *OUTPUTS)  # a file may be called nan
-        return value in ("", "\0", "a\0b", "x" * 5000) or (number and value in ("\n", "nan", "-1e999"))
-    found = parser._option_string_actions.get(words[place - 1])
-    return found is not None and callable(found.type) and refused(found, value)
-
-
-#: Types of a text that any word fits.
-FREE = (text, word, file_path)
+    kind = draw(st.sampled_from(["option", "value", "input", "input", "output", "output"]))
+    if kind in ("input", "output"):
+        placeholders = INPUTS if kind == "input" else OUTPUTS
+        name = draw(st.sampled_from(sorted(name for name, words in LINES.items() if {*words} & {*placeholders})))
+        chosen = draw(st.sampled_from([place for place, word in enumerate(LINES[name]) if word in placeholders]))
+        words = [places.fill(word) for word in LINES[name]]
+        words[chosen] = draw(st.sampled_from(places.hostile(kind)))
+        return name, words
+    name = draw(st.sampled_from(sorted(PARSERS)))
+    words = [places.fill(word) for word in LINES.get(name, name.split()[1:])]
+    typed = [one for one in takes_values(PARSERS[name]) if one.type and one.option_strings]
+    if kind == "option" or not typed:
+        return name, [*words, draw(st.sampled_from(["--unknown", "--unknown=1", "-Z"]))]
+    action = draw(st.sampled_from(typed))
+    given = draw(VALUES.filter(lambda value: refused(action, value)))
+    return name, [*words, f"{action.option_strings[-1]}={given}"]

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from hypothesis import strategies as st
 from mcap.records import Channel, Message, Schema
-from mutations import as_yaml, changed_arrays, changed_bag, changed_bytes, changed_document, records_of
+from mutations import as_yaml, bag_of, changed_arrays, changed_bag, changed_bytes, changed_document, records_of
 
 from atpid_common.errors import AtpidError
 from atpid_control.analysis import analyse
@@ -61,15 +61,6 @@ class Target:
     inputs: Callable[[], st.SearchStrategy[bytes]]
 
 
-def _read(path: str) -> bytes:
-    return (ROOT / path).read_bytes()
-
-
-@cache
-def _documents(pattern: str) -> list[Any]:
-    return [yaml.safe_load(path.read_text(encoding="utf-8")) for path in sorted(ROOT.glob(pattern))]
-
-
 @cache
 def _texts(pattern: str) -> list[bytes]:
     return [path.read_bytes() for path in sorted(ROOT.glob(pattern))]
@@ -100,8 +91,6 @@ def _records() -> tuple[Any, ...]:
 
 @cache
 def _small_bag() -> bytes:
-    from mutations import bag_of
-
     return bag_of(_records())
 
 
@@ -115,7 +104,8 @@ def _small_metadata() -> bytes:
 
 
 def _yaml(pattern: str) -> st.SearchStrategy[bytes]:
-    return changed_bytes(_texts(pattern)) | changed_document(_documents(pattern)).map(as_yaml)
+    documents = [yaml.safe_load(text) for text in _texts(pattern)]
+    return changed_bytes(_texts(pattern)) | changed_document(documents).map(as_yaml)
 
 
 def _scene(path: Path) -> None:
@@ -165,36 +155,33 @@ def _in_folder(path: Path) -> Path:
 
 def _bag(path: Path) -> None:
     folder = _in_folder(path)
-    before = path.read_bytes()
-    for read in (verify, survey, _all_of, lambda bag: support_series(open_run(bag)), _recover, repair, verify):
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    reads: list[Callable[[Path], object]] = [verify, survey, _messages, _recover, view_of]
+    reads += [lambda bag: read_measured(open_run(bag), 0.0, 9.0), lambda bag: scene_of(open_run(bag))]
+    reads += [lambda bag: support_series(open_run(bag)), lambda bag: write_replay_files(bag, bag / "replay")]
+    for read in reads:
         with suppress(AtpidError):
             read(folder)
-    kept = [file.read_bytes() for file in folder.iterdir() if file.name.startswith(path.name)]
-    assert before in kept, "the original was changed"
+        assert {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+    for read in (repair, verify):
+        with suppress(AtpidError):
+            read(folder)
+    assert before[path.name] in [file.read_bytes() for file in folder.iterdir() if file.name.startswith(path.name)]
+    assert list(folder.parent.iterdir()) == [folder], "written outside the folder"
 
 
-def _recover(folder: Path) -> None:
-    """Recover a bag: another one that is whole, and nothing else; the damaged one as it was."""
-    before = {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
-    made = recover(folder, folder / "again")
-    assert {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
-    assert not made.made or verify(folder / "again").messages == made.verified.messages
-    shutil.rmtree(folder / "again", ignore_errors=True)
-
-
-def _all_of(folder: Path) -> None:
+def _messages(folder: Path) -> None:
     bag = open_bag(folder)
     for topic in bag.types:
         with suppress(AtpidError):
             list(bag.messages(topic))
-    measured, scene = lambda: read_measured(open_run(folder), 0.0, 9.0), lambda: scene_of(open_run(folder))
-    for use in (lambda: view_of(folder), measured, scene):
-        with suppress(AtpidError):
-            use()
-    with suppress(AtpidError):
-        write_replay_files(folder, folder / "replay")
-    kept = [path.name for path in folder.parent.iterdir() if path != folder]
-    assert not kept, f"written outside the folder: {kept}"
+
+
+def _recover(folder: Path) -> None:
+    """Recover a bag: the other one is whole."""
+    made = recover(folder, folder / "again")
+    assert not made.made or verify(folder / "again").messages == made.verified.messages
+    shutil.rmtree(folder / "again", ignore_errors=True)
 
 
 def _tables(path: Path) -> None:

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mutation: one change of the safety path that must not pass unseen, and the tests that fail by it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,7 +27,7 @@ class Mutation:
     file: str
     old: str
     new: str
-    tests: tuple[str, ...]
+    tests: Sequence[str]
     why: str
 
     def applied(self, text: str) -> str:
@@ -41,6 +44,11 @@ class Mutation:
         return changed
 
 
-def in_file(name: str, file: str, old: str, new: str, why: str, *tests: str) -> Mutation:
-    """Return the mutation of a file, named after it."""
-    return Mutation(f"{Path(file).stem}: {name}", file, old, new, tests, why)
+def listed() -> tuple[Mutation, ...]:
+    """Return all mutations of the tables beside this file, each named after the file that it changes."""
+    return tuple(
+        Mutation(f"{Path(group['file']).stem}: {change.pop('name')}", group["file"], **change)
+        for table in sorted(Path(__file__).parent.glob("*.yaml"))
+        for group in yaml.safe_load(table.read_text(encoding="utf-8"))
+        for change in group["changes"]
+    )

@@ -24,8 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
-from listed import MUTATIONS
-from mutation import ROOT, Mutation, MutationError
+from mutation import ROOT, Mutation, MutationError, listed
 
 from atpid_common.folders import cache_root
 from atpid_driver.emulator import build_emulator, missing_tools
@@ -213,7 +212,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, choices=range(1, 17), help="how many at once (default 2)")
     parser.add_argument("--list", action="store_true", help="print the list and try nothing")
     arguments = parser.parse_args()
-    chosen = [m for m in MUTATIONS if any(fnmatch.fnmatch(name, arguments.only) for name in (m.name, m.file))]
+    chosen = [m for m in listed() if any(fnmatch.fnmatch(name, arguments.only) for name in (m.name, m.file))]
     if not chosen:
         print(
             f"error: --only {arguments.only}: no mutation has such a name or file; --list names them", file=sys.stderr

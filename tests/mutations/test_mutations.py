@@ -10,8 +10,9 @@ import sys
 from collections import Counter
 
 import pytest
-from listed import MUTATIONS
-from mutation import ROOT, Mutation, MutationError
+from mutation import ROOT, Mutation, MutationError, listed
+
+MUTATIONS = listed()
 
 
 def problem(mutation: Mutation) -> str:
@@ -26,7 +27,6 @@ def test_each_can_be_made_in_one_place() -> None:
     assert [line for line in map(problem, MUTATIONS) if line] == []
 
 
-@pytest.mark.slow
 def test_the_tests_that_they_name_are_there() -> None:
     names = sorted({name for mutation in MUTATIONS for name in mutation.tests})
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-c", "pyproject.toml", *names]

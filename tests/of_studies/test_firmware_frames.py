@@ -1,37 +1,48 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The real firmware against harmful frames, its look-up table, and that its figures are those of the driver."""
+"""The real firmware against harmful frames and on a line that fails; its look-up table and figures are the driver's."""
 
+import itertools
+import math
 import re
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from motor_rigs import board, need_emulator
+from motor_rigs import arm, board, need_emulator, settings, wait_for
 
+from atpid_common.injected_faults import KINDS, Injected
 from atpid_common.vocabulary import Mode
-from atpid_driver.emulator import build_firmware
+from atpid_driver import DriverError
+from atpid_driver.emulator import Emulator, build_firmware
 from atpid_driver.emulator.client import SteppedHost
+from atpid_driver.emulator.line import FaultyLine, InjectedFaults
+from atpid_driver.motor.errors import StopNotConfirmedError
 from atpid_driver.motor.faults import WORDS, MotorFault
-from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply, decode
+from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply, decode, encode, reply_of
+from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings
 from studies.firmware.fuzz import fuzz
+from studies.firmware.storm import storm
+from studies.stops import Noise
 
 DRIVER = Path(__file__).resolve().parents[2] / "atpid_driver"
 PROTOCOL_TEXT = DRIVER.parent / "docs" / "motor_protocol.md"
+#: More by `python -m studies fuzz --frames N`.
+FRAMES = 8_000
 
 
-#: A tenth of a minute; more by `python -m studies fuzz --frames N`.
-FRAMES = 20_000
-
-
-@pytest.mark.slow
 def test_harmful_frames_move_nothing(tmp_path: Path) -> None:
     with board(tmp_path, height=0.98) as emulator:
         result = fuzz(emulator, frames=FRAMES, seed=20)
         assert (result.frames, result.moved_um, result.switched, result.resets) == (FRAMES, 0.0, 0, 0)
-        assert result.rejected > FRAMES / 2, "the frames did reach the parser"
+        assert result.rejected > FRAMES / 2  # the frames did reach the parser
         assert emulator.state().board == "running"
 
 
@@ -43,9 +54,7 @@ static const uint32_t atpid_height_um[ATPID_TABLE_N] PROGMEM = {200000, 290000, 
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("amplitude", "height"), [(10_000, 0.2), (12_600, 0.29), (22_499, 0.29), (30_000, 0.999)])
-def test_lookup_takes_the_nearest_amplitude(tmp_path: Path, amplitude: int, height: float) -> None:
+def test_lookup_takes_the_nearest_amplitude(tmp_path: Path) -> None:
     need_emulator()
     header = tmp_path / "table.h"
     header.write_text(TABLE)
@@ -54,16 +63,10 @@ def test_lookup_takes_the_nearest_amplitude(tmp_path: Path, amplitude: int, heig
         host = SteppedHost(emulator)
         host.make_ready()
         assert host.request("LOOKUP", 9_999) == host.request("LOOKUP", 30_001) == Refusal("RANGE")
-        state = host.request("LOOKUP", amplitude)
-        assert isinstance(state, StateReply)
-        assert state.target == height
-
-
-def test_every_frame_in_the_document_has_its_right_check_sum() -> None:
-    frames = re.findall(r"`(\$\d+,[A-Z]+\*[0-9A-F]{4})`", PROTOCOL_TEXT.read_text())
-    assert len(frames) == 2
-    for frame in frames:
-        decode(frame.encode())
+        for amplitude, height in ((10_000, 0.2), (12_600, 0.29), (22_499, 0.29), (30_000, 0.999)):
+            state = host.request("LOOKUP", amplitude)
+            assert isinstance(state, StateReply)
+            assert state.target == height
 
 
 def constants(name: str) -> dict[str, str]:
@@ -93,16 +96,189 @@ def test_parameter_file_fits_the_firmware() -> None:
     assert settings.speed == int(figures["SPEED_UM_PER_S"]) / 1e6
     assert settings.baud == int(figures["BAUD"])
     assert int(figures["PROTOCOL_VERSION"]) == PROTOCOL
-
-
-def test_simulated_parameter_file_loads() -> None:
-    given: dict[str, Any] = yaml.safe_load((DRIVER / "config" / "motor.yaml").read_text())
+    given = yaml.safe_load((DRIVER / "config" / "motor.yaml").read_text())
     assert MotorSettings(**given["/**/motor_node"]["ros__parameters"]).backend == "simulated"
 
 
-def test_the_document_names_every_command_refusal_and_fault() -> None:
+def test_the_document_has_every_command_refusal_and_fault_and_right_check_sums() -> None:
     text = PROTOCOL_TEXT.read_text()
-    for word in (*COMMANDS, *REFUSALS):
-        assert f"`{word}`" in text, word
-    for fault, words in WORDS.items():
-        assert f"| {fault.value.bit_length() - 1} | `{fault.name}` | {words}" in text, fault.name
+    rows = [f"| {fault.value.bit_length() - 1} | `{fault.name}` |" for fault in WORDS]
+    assert [part for part in (*(f"`{word}`" for word in (*COMMANDS, *REFUSALS)), *rows) if part not in text] == []
+    frames = re.findall(r"`(\$\d+,[A-Z]+\*[0-9A-F]{4})`", text)
+    assert len(frames) == 2
+    for frame in frames:
+        decode(frame.encode())
+
+
+FIRST = encode(1, "ST", 3, 1, "0000", 300_000, 300_000, 5283, 1000, 0, 1)
+SECOND = encode(2, "ST", 3, 1, "0000", 310_000, 310_000, 5283, 1020, 0, 2)
+MOVE = encode(2, "MOVE", 310_000)
+
+
+def test_a_line_passes_everything_before_its_faults() -> None:
+    line = InjectedFaults([Injected("serial_link", "off", 0.0, 10.0)])
+    assert line.passed(FIRST, False, 5.0) == (5.0, FIRST)  # before the first height no time of the run has begun
+    assert line.passed(MOVE, True, 5.0) is None
+    assert line.passed(MOVE, True, 15.0) == (15.0, MOVE)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_passes_a_line_that_fails(kind: str) -> None:
+    line = InjectedFaults([Injected("serial_link", kind, 1.0, 1000.0, 0.05 if kind == "delayed" else nan)])
+    line.passed(MOVE, True, 0.0)
+    line.passed(FIRST, False, 0.5)
+    request, answer = line.passed(MOVE, True, 1.0), line.passed(SECOND, False, 1.0)
+    if kind == "off":
+        assert (request, answer) == (None, None)
+        return
+    assert request is not None
+    assert answer is not None
+    if kind in ("slow", "delayed"):
+        later = {"slow": (len(MOVE) / 300.0, len(SECOND) / 300.0), "delayed": (0.0, 0.05)}[kind]
+        assert (request[1], answer[1]) == (MOVE, SECOND)
+        assert (request[0] - 1.0, answer[0] - 1.0) == pytest.approx(later)
+    elif kind == "stuck":
+        assert (request, answer) == ((1.0, MOVE), (1.0, FIRST))
+    elif kind == "garbage":
+        assert [len(request[1]), len(answer[1])] == [len(MOVE), len(SECOND)]
+        assert [request[1] == MOVE, answer[1] == SECOND, b"!" in request[1] + answer[1]] == [False] * 3
+    elif kind == "wrong":
+        reply = reply_of(decode(answer[1]))
+        assert isinstance(reply, StateReply)
+        assert (reply.height, reply.target, reply.uptime) == (0.32, 0.31, 1.02)
+    else:  # the first half of a period, and the second
+        assert (request, answer) == ((1.0, MOVE), (1.0, SECOND))
+        assert line.passed(MOVE, True, 1.4) is None
+
+
+def test_noise_loses_and_garbles_its_share_of_the_frames_and_delays_the_rest() -> None:
+    line = Noise(1, delay=(0.01, 0.02), lost=0.1, garbled=0.1)
+    passed = [line.passed(SECOND, False, 1.0) for _ in range(10_000)]
+    arrived = [one for one in passed if one is not None]
+    assert 0.08 < 1.0 - len(arrived) / len(passed) < 0.12
+    assert 0.08 < sum(data != SECOND for _, data in arrived) / len(passed) < 0.12
+    assert all(1.01 <= when <= 1.02 for when, _ in arrived)
+
+
+@dataclass
+class Rig:
+    """A ceiling behind a line whose disturbance may be changed."""
+
+    actuator: SerialActuator
+    emulator: Emulator
+    line: FaultyLine
+
+    def under_way(self) -> None:
+        """Command a far height, as the loop does, until the motor runs."""
+
+        def runs() -> bool:
+            with suppress(DriverError):
+                self.actuator.move(0.05, 1, time.monotonic_ns())
+                return self.emulator.state().motor != 0
+            with suppress(DriverError):  # where this process stood still for longer than the heartbeat allows
+                arm(self.actuator)
+            return False
+
+        wait_for(runs, "the motor running", state=lambda: f"{self.actuator.read(0)} {self.actuator.reports()}")
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with board(tmp_path, height=0.99) as emulator:
+        emulator.pace(1.0)
+        with FaultyLine(tmp_path / "line", tmp_path / "board") as line:
+            actuator = SerialActuator(settings(tmp_path, port=str(tmp_path / "line")))
+            actuator.connect(time.monotonic_ns())
+            arm(actuator)
+            yield Rig(actuator, emulator, line)
+            line.disturbance = InjectedFaults(())
+            actuator.close()
+
+
+LINES = {
+    "answers at once": Noise(1),
+    "answers late by 16 to 20 ms, as behind a USB chip": Noise(1, delay=(0.016, 0.020)),
+    "answers late by 100 ms": Noise(1, delay=(0.1, 0.1)),
+    "one in ten lost, one in ten garbled": Noise(1, lost=0.1, garbled=0.1),
+    "late, lost and garbled, in both directions": Noise(1, delay=(0.0, 0.1), lost=0.1, garbled=0.1, requests_late=True),
+}
+
+
+@pytest.mark.parametrize("how", ["disarm", "hold"])
+@pytest.mark.parametrize("name", LINES)
+def test_a_stop_reaches_the_board_whatever_the_line_does(rig: Rig, name: str, how: str) -> None:
+    rig.line.disturbance = LINES[name]
+    rig.under_way()
+    called, before = time.monotonic(), rig.emulator.state()
+    if how == "disarm":
+
+        def confirmed() -> bool:
+            with suppress(StopNotConfirmedError):  # where this process, and the line with it, stood still
+                rig.actuator.deactivate(time.monotonic_ns())
+                return True
+            return False
+
+        wait_for(confirmed, "a confirmed stop")
+        assert rig.emulator.state().motor == 0
+    else:
+        rig.actuator.move(nan, 2, time.monotonic_ns())
+        wait_for(lambda: (rig.actuator.read(0), rig.emulator.state().motor)[1] == 0, "motor off")
+    written = [frame for when, frame in list(rig.line.sent) if when >= called]
+    words = (b"STOP", b"DISARM", b",ID")  # by which a board that is found again is disarmed
+    stops = [place for place, frame in enumerate(written) if any(word in frame for word in words)]
+    assert stops[0] <= 1  # at most what was on its way to the line comes first
+    assert all(b"MOVE" not in frame for frame in written[stops[0] :])
+    # of the board's clock: at the latest by the heartbeat, where this process was held up; tests/test_stops.py is exact
+    assert rig.emulator.state().motor_off_ms - before.ms < 500.0
+
+
+def test_a_stop_that_nothing_confirms_is_an_error(rig: Rig) -> None:
+    rig.under_way()
+    rig.line.disturbance = Noise(1, lost=1.0)
+    with pytest.raises(DriverError, match="confirmed"):
+        rig.actuator.deactivate(time.monotonic_ns())
+    wait_for(lambda: rig.emulator.state().motor == 0, "the firmware's own heartbeat")
+
+
+def test_a_height_that_the_motor_cannot_have_reached_is_latched(rig: Rig) -> None:
+    """And a line that is late is reported once; the height it reports is late, the ceiling where it belongs."""
+    rig.line.disturbance = Noise(1, delay=(0.3, 0.3))
+    reports: list[str] = []
+
+    def reported(text: str) -> bool:
+        rig.actuator.read(time.monotonic_ns())
+        reports.extend(rig.actuator.reports())
+        return any(text in line for line in reports)
+
+    wait_for(lambda: reported("late"), "late answers reported", state=lambda: str(reports))
+    rig.line.disturbance = Noise(1)
+    wait_for(lambda: reported("again"), "answers in time reported", state=lambda: str(reports))
+    arm(rig.actuator)  # where this process stood still for longer than the heartbeat allows
+    turns = itertools.count()
+
+    def reported_impossible() -> bool:
+        if (turn := next(turns)) % 50 == 0:  # again where a busy machine read the line too late to judge the step
+            rig.line.disturbance = Noise(1)
+            if turn % 100:
+                with suppress(DriverError):  # the line's last heights are given up
+                    arm(rig.actuator)  # where the heartbeat was missed again, its latched fault would hide this one
+            else:
+                raised = InjectedFaults([Injected("serial_link", "wrong", 0.0, 1e6)])
+                raised.passed(MOVE, True, time.monotonic())  # a run has begun
+                rig.line.disturbance = raised
+        return reported("cannot")
+
+    wait_for(reported_impossible, "an impossible height reported", state=lambda: str(reports))
+    wait_for(lambda: rig.actuator.read(time.monotonic_ns()).mode is Mode.FAULT, "the fault latched")
+    assert MotorFault.LINK_LOST in rig.actuator.read(time.monotonic_ns()).faults
+    with pytest.raises(DriverError, match=r"rearm|activate"):
+        rig.actuator.move(0.5, 1, time.monotonic_ns())
+    assert rig.emulator.state().motor == 0
+
+
+def test_the_real_firmware_keeps_its_limits_in_a_storm(tmp_path: Path) -> None:
+    with board(tmp_path, height=0.98) as emulator:
+        result = storm(emulator, 60.0, 200, seed=1)
+    assert result.requests == 200
+    assert result.states > 0
+    assert math.isfinite(result.fastest)

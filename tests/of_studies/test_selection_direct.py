@@ -1,21 +1,47 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Direct selection against brute force, and the margin against what it is for."""
+"""Selectors: `direct`, its search and margin, and the learned one, against brute force and beyond their ranges."""
 
+import math
+import re
+import threading
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from sim_refusals import has_parts, refused
 
-from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.protocol import Excitation
-from atpid_control.selection.uncertain import MarginBox
-from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing
-from atpid_sim.scene import Scene, load_scene
+from atpid_control.cli import main
+from atpid_control.loop.settings import selector_of
+from atpid_control.selection import Excitation, SelectionError, learning, make_selector
+from atpid_control.selection.deadline import Deadline, OutOfTimeError
+from atpid_control.selection.direct import DirectSelector, guaranteed
+from atpid_control.selection.height_model import SHARE, HeightModel, ModelError, inputs_of
+from atpid_control.selection.learned import LearnedSelector
+from atpid_control.selection.map_cache import map_for
+from atpid_control.selection.margin import Robust, robust_height
+from atpid_control.selection.predictive import simplified
+from atpid_control.selection.uncertain import MarginBox, points, systems_of
+from atpid_control.selection.workers import SelectionThreads
+from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
+from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing, best_height
+from atpid_sim.robust import with_restitution
+from atpid_sim.scene import Scene, load_scene, standard_bench
+from atpid_sim.simulation.integration import undamped_amplitude
+from atpid_sim.system import reduced_mass
 from studies.figures.selection import margin_curve, pca_errors
+from studies.off_resonance.command import METHODS
+from studies.off_resonance.measure import compared, modal_systems
+from studies.pure_loop import run_loop
+from studies.random_selection import Drawn, draw, measured, scene_of
+from studies.seeds.measure import configured
+from studies.thorough_search import thorough_best
 
 ROOT = Path(__file__).parents[2]
+UNHURRIED = 600.0
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +50,14 @@ def scene() -> Scene:
 
 
 def systems() -> list[tuple[float, float]]:
-    """25 systems over A = 0.002-0.08 m and mass fractions 0.025-0.3, of which every second one but in a long run."""
+    """25 systems over A = 0.002-0.08 m and mass fractions 0.025-0.3, of which every fourth one but in a long run."""
     rng = np.random.default_rng(4)
     amplitudes = np.geomspace(0.002, 0.08, 25)
     fractions = rng.permutation(np.geomspace(0.025, 0.3, 25))
-    every = 1 if settings.get_current_profile_name() == "long" else 2
+    every = 1 if settings.get_current_profile_name() == "long" else 4
     return [(float(a), float(f)) for a, f in zip(amplitudes, fractions, strict=True)][::every]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("amplitude", "fraction"), systems())
 def test_no_height_is_notably_better(scene: Scene, amplitude: float, fraction: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)
@@ -51,13 +76,8 @@ def test_no_height_is_notably_better(scene: Scene, amplitude: float, fraction: f
 
     brute, regular = min(swing(damper.diameter + q * unit) for q in np.arange(0.3, 1.2, 0.012))
     there, steady = swing(chosen.height)
+    assert chosen.evaluations < 160  # of about a millisecond each: fewer than two cores make in a period
     assert there <= (1.01 if regular and steady else 1.05) * brute
-
-
-def test_it_needs_fewer_runs_than_two_cores_make_in_a_period(scene: Scene) -> None:
-    # a run takes about a millisecond; 183 ms on two cores
-    for amplitude in (0.003, 0.01, 0.05):
-        assert DirectSelector(scene).select(Excitation(amplitude)).evaluations < 160
 
 
 def test_where_the_ceiling_is_counts(scene: Scene) -> None:
@@ -68,8 +88,8 @@ def test_where_the_ceiling_is_counts(scene: Scene) -> None:
 
 
 def test_the_range_of_the_ceiling_is_kept() -> None:
-    scene = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
-    low = scene.with_(ceiling={"closed": 0.017, "range": [0.017, 0.3], "speed": 0.3, "controller": "direct"})
+    low = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
+    low = low.with_(ceiling={"closed": 0.017, "range": [0.017, 0.3], "speed": 0.3, "controller": "direct"})
     assert DirectSelector(low).select(Excitation(0.03)).height <= 0.3
 
 
@@ -84,17 +104,14 @@ def test_the_margin_keeps_out_of_rumble_where_the_bare_optimum_falls_in(amplitud
 
 
 def test_more_uncertainty_never_costs_less(scene: Scene) -> None:
-    prices = [
-        DirectSelector(scene, MarginBox(stiffness, 0.0, 0.0, 0.0, 0.0), deadline=60.0)
-        .select(Excitation(0.03), 1.0)
-        .price
-        for stiffness in (0.0, 0.02, 0.05)
-    ]
+    prices = []
+    for stiffness in (0.0, 0.02, 0.05):
+        selector = DirectSelector(scene, MarginBox(stiffness, 0.0, 0.0, 0.0, 0.0), deadline=UNHURRIED)
+        prices.append(selector.select(Excitation(0.03), 1.0).price)
     assert prices == sorted(prices)
     assert prices[0] == pytest.approx(0.0, abs=2e-3)
 
 
-@pytest.mark.slow
 def test_without_gravity_the_pca_is_as_good_as_in_the_thesis() -> None:
     # what docs/figures/selection_pca_error.png shows: Fig. 4.43, about 4 %, at every amplitude
     amplitudes = np.geomspace(0.003, 0.1, 4)
@@ -104,3 +121,489 @@ def test_without_gravity_the_pca_is_as_good_as_in_the_thesis() -> None:
     assert float(np.max(np.abs(free.direct))) < 0.015  # a per cent of height below the best costs 0.2 % of amplitude
     assert float(np.max(free.lost_direct)) < 0.01
     assert float(np.max(heavy.lost_direct[amplitudes > 0.01])) < 0.01
+
+
+def test_the_corners_are_a_two_level_design() -> None:
+    corners = points()[:32]
+    assert len({tuple(corner) for corner in corners.tolist()}) == 32  # all of them
+    first = corners[:16]
+    assert np.array_equal(first.T @ first, 16.0 * np.eye(5))  # main effects clear of each other
+    products = [first[:, i] * first[:, j] for i in range(5) for j in range(i)]
+    assert all(abs(one @ other) < 1e-9 for k, one in enumerate(products) for other in products[:k])
+    assert (np.abs(points()) <= 1.0).all()
+
+
+def test_the_systems_differ_by_their_uncertainties(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    found = systems_of(scene, damper, MarginBox(0.05, 1e-3, 0.01, 0.002, 0.1))
+    assert len(found) == 1 + len(points())
+    assert found[0].damper is damper
+    masses = {round(one.damper.system.beam_mass / damper.system.beam_mass, 6) for one in found}
+    stiffnesses = {round(one.damper.system.stiffness / damper.system.stiffness, 6) for one in found}
+    assert masses == {0.99, 1.0, 1.01}
+    assert stiffnesses == {0.95, 1.0, 1.05}
+    assert all(one.damper.system.grain_mass == pytest.approx(damper.system.grain_mass) for one in found)
+    assert {one.offset for one in found[1:]} == {1e-3, -1e-3}
+    ways = {one.approach(damper, 0.1, 3.0) for one in found}
+    assert len(ways) == 4  # at once, slowly, and from half the clearance in two phases
+    assert all(way[-1][1] == 0.1 for way in ways)
+    assert max(one.frequency for one in found) == 1.002
+
+
+CONTACTS = [
+    {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+    {"law": "linear", "stiffness": 1e5, "restitution": 0.3},
+    {"law": "linear", "stiffness": 1e5, "damping": 20.0},
+    {"law": "impact", "restitution": 0.5},
+]
+
+
+@pytest.mark.parametrize("contact", CONTACTS, ids=lambda contact: "-".join(contact))
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_the_restitution_of_a_law_is_changed_as_asked(scene: Scene, contact: dict[str, object], factor: float) -> None:
+    given = scene.with_(contact=contact)
+    mass = reduced_mass(system_of(given))
+    changed = with_restitution(given, factor)
+    assert changed is not None
+    before, after = (restitution_of(contact_of(one), 1.0, mass) for one in (given, changed))
+    assert after == pytest.approx(factor * before, rel=1e-9)
+
+
+def test_without_a_hurry_a_margin_holds_in_every_system(scene: Scene) -> None:
+    selector = DirectSelector(scene, deadline=UNHURRIED)
+    bare, safe = selector.select(Excitation(0.01)), selector.select(Excitation(0.01, 2e-4), 3.0)
+    assert safe.height < bare.height
+    margin = next(stage for stage in safe.stages if stage.name == "margin")
+    assert re.search("123.*123", margin.note)
+    assert "late" not in margin.note
+    assert margin.amplitude >= safe.beam_amplitude
+    again = selector.select(Excitation(0.01, 2e-4), 3.0)
+    assert (again.height, again.beam_amplitude) == (safe.height, safe.beam_amplitude)
+
+
+def test_at_its_deadline_a_margin_states_what_it_holds_for(scene: Scene) -> None:
+    hurried = DirectSelector(scene, deadline=1e-3)
+    safe = hurried.select(Excitation(0.01, 2e-4), 3.0)
+    assert safe.height <= hurried.select(Excitation(0.01)).height
+    assert math.isnan(safe.price)
+    searched, margin = safe.stages
+    assert "0.0005 s" in searched.note
+    assert re.search(r"\b1 of 123\b", margin.note)  # the expected one
+    assert re.search(r"late.*0\.001 s", margin.note)
+    assert safe.late
+    has_parts(safe.note, (searched.note, margin.note))
+
+
+class Counted:
+    """Whether the time has passed, in questions instead of seconds."""
+
+    def __init__(self, questions: float) -> None:
+        self.left = questions
+
+    def __call__(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+def test_whenever_it_is_ended_there_is_an_answer_and_no_more_runs(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    systems = systems_of(scene, damper, MarginBox())
+    excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
+
+    def ended_after(questions: float) -> Robust:
+        return robust_height(systems, excitation, 0.235, limits, map, Counted(questions))
+
+    complete = ended_after(math.inf)
+    assert complete.verified == complete.sampled == 123
+    found = [ended_after(questions) for questions in (0, 3, 20, 80, 100, 120)]
+    assert found[0].evaluations == 1  # the expected system
+    for questions, one in zip((0, 3, 20, 80, 100, 120), found, strict=True):
+        assert damper.diameter < one.height <= 0.235
+        assert 1 <= one.verified <= 123
+        assert one.evaluations <= questions + 1
+        assert one.worst >= one.amplitude
+    assert ended_after(2 * complete.evaluations) == complete
+
+
+def test_without_the_bare_optimum_a_margin_begins_with_a_look(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    systems = systems_of(scene, damper, MarginBox())
+    excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
+    given, looked = (robust_height(systems, excitation, bare, limits, map, lambda: False) for bare in (0.235, math.nan))
+    assert looked.height == pytest.approx(given.height, rel=0.06)
+    assert looked.worst == pytest.approx(given.worst, rel=0.05)
+
+
+def test_a_deadline_in_lockstep_depends_on_no_clock(scene: Scene) -> None:
+    values = {"stiffness_uncertainty": 0.02, "selection_deadline": 1e-3}
+    selector = selector_of(values.__getitem__, "direct", scene, None, lockstep=True)
+    hurried = selector_of(values.__getitem__, "direct", scene, None, lockstep=False)
+    notes = [one.select(Excitation(0.01, 2e-4), 3.0).note for one in (selector, hurried)]
+    assert [re.findall(r"(\d+) of 123", note) for note in notes] == [["123"], ["1"]]
+
+
+def test_runs_are_begun_while_time_is_left() -> None:
+    def twice(job: int) -> int:
+        return 2 * job
+
+    unlimited = Deadline(math.inf)
+    assert unlimited.limited(map, 0.5) is map
+    assert not unlimited.passed()
+    begun = Deadline(UNHURRIED)
+    assert list(begun.limited(map, 0.5)(twice, [1, 2])) == [2, 4]
+    assert not begun.passed(0.5)
+    assert not begun.near(0.5)
+    assert 0.0 < begun.spent < UNHURRIED
+    over = Deadline(1e-9)
+    assert over.passed()
+    assert over.near(1.0)
+    with pytest.raises(OutOfTimeError):
+        list(over.limited(map, 0.5)(twice, [1, 2]))
+
+
+@pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan])
+def test_an_impossible_deadline_is_refused(scene: Scene, deadline: float) -> None:
+    with pytest.raises(SelectionError, match="deadline"):
+        DirectSelector(scene, deadline=deadline)
+
+
+def test_workers_answer_in_order_whoever_does_the_job() -> None:
+    with SelectionThreads(3) as workers:
+        assert workers.map(lambda job: job * job, range(100)) == [k * k for k in range(100)]
+        assert workers.map(lambda job: job, []) == []
+    with SelectionThreads(1) as alone:
+        assert alone.map(lambda job: -job, [1, 2]) == [-1, -2]
+
+
+def test_an_error_of_any_job_is_raised() -> None:
+    with SelectionThreads(2) as workers, pytest.raises(ZeroDivisionError):
+        workers.map(lambda job: 1 / job, [1, 2, 0, 3])
+
+
+def test_a_job_whose_thread_is_held_up_is_done_again() -> None:
+    caller, begun, done = threading.get_ident(), threading.Event(), threading.Event()
+    waited_for: list[bool] = []
+
+    def work(job: int) -> int:
+        if threading.get_ident() != caller:  # as a thread that waits for its processor
+            begun.set()
+            waited_for.append(not done.wait(UNHURRIED))
+        elif job == 0:
+            begun.wait(UNHURRIED)
+        return job
+
+    with SelectionThreads(2) as workers:
+        assert workers.map(work, range(4)) == [0, 1, 2, 3]
+        assert waited_for == []
+        done.set()
+
+
+NATURAL = standard_bench().natural_frequency_hz
+
+
+def tone(ratio: float, amplitude: float = 0.015, **changes: object) -> Scene:
+    """Return the standard bench under a tone at a ratio to its natural frequency."""
+    return standard_bench(excitation={"amplitude": amplitude, "frequency": ratio * NATURAL}, **changes)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.8, 0.95, 1.0, 1.03, 1.1, 1.4, 2.0])
+def test_the_predicted_amplitude_is_the_lesser_of_two_simulated_beams(ratio: float) -> None:
+    """The closed damper and the beam without its grain, each integrated until its transient is gone."""
+    scene = tone(ratio, ceiling={"height": 0.017}, duration=40.0, steady_window=[38.0, 40.0])
+    closed = undamped_amplitude(scene)
+    light = scene.with_(mass_fraction=1e-6)
+    bare = undamped_amplitude(light)
+    predicted = simplified(system_of(scene), scene.frequency_hz, 0.015).amplitude
+    assert predicted == pytest.approx(min(closed, bare), rel=1e-3)
+
+
+@pytest.mark.parametrize(("ratio", "share"), [(0.85, 1.4), (0.95, 1.0), (1.0, 0.7), (1.05, 0.8), (1.1, 1.0)])
+def test_the_best_height_lies_below_the_first_guess_of_its_frequency(ratio: float, share: float) -> None:
+    damper = DamperResponse(tone(ratio), 1e-4)
+    guess = simplified(damper.system, damper.frequency, 0.015).amplitude * math.pi
+    assert guess == pytest.approx(damper.ballistic_clearance(0.015))
+    best = thorough_best(damper, 0.015)
+    assert 0.15 * guess < best.height - damper.diameter < share * guess
+
+
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_where_the_grain_is_not_lifted_nothing_is_simulated_and_it_stays_closed(method: str) -> None:
+    chosen = make_selector(method, tone(1.0)).select(Excitation(0.015, frequency=0.55 * NATURAL))
+    assert (chosen.height, chosen.efficiency, chosen.evaluations) == (0.017, 0.0, 0)
+    assert chosen.beam_amplitude == pytest.approx(DamperResponse(tone(0.55)).closed_amplitude(0.015))
+    has_parts(chosen.no_use, ("0.015 m", "3.008 Hz", "closed"))
+
+
+def test_where_every_height_is_worse_it_stays_closed() -> None:
+    """12.6 m/s^2 lift the grain, but no height takes a hundredth off the beam."""
+    chosen = make_selector("direct", tone(0.7, 0.01)).select(Excitation(0.01))
+    assert chosen.height == 0.017
+    assert chosen.evaluations > 50
+    assert chosen.no_use
+
+
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_an_undamped_beam_is_refused_at_resonance_alone(method: str) -> None:
+    undamped = standard_bench(beam={"mass": 0.3258, "stiffness": 427.6, "damping": 0.0})
+    selector = make_selector(method, undamped)
+    with refused(SelectionError, method, "damping", "resonance"):
+        selector.select(Excitation(0.01))
+    assert selector.select(Excitation(0.01, frequency=1.2 * undamped.natural_frequency_hz)).height >= 0.017
+
+
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_a_stiff_beam_is_selected_for_at_small_amplitudes(method: str) -> None:
+    """At 1 mm the grain would be pressed deeper into a wall than its radius."""
+    stiff = standard_bench(beam={"mass": 1.2, "stiffness": 3.0e5, "damping": 6.0})
+    selector = make_selector(method, stiff)
+    with refused(SelectionError, "deeper"):
+        selector.select(Excitation(0.02))
+    assert 0.017 < selector.select(Excitation(5e-5)).height < 0.1
+
+
+def test_frequencies_beyond_half_and_twice_the_natural_one_are_refused() -> None:
+    selector = make_selector("direct", tone(1.0))
+    for ratio in (0.49, 2.01):
+        with refused(SelectionError, "2.735", "10.94 Hz"):
+            selector.select(Excitation(0.015, frequency=ratio * NATURAL))
+
+
+def test_direct_is_as_good_as_brute_force_with_modes_under_a_force() -> None:
+    (system,) = [one for one in modal_systems(30, 1) if one.number == 14]
+    (found,) = compared([system], METHODS)
+    assert system.drive == "force"
+    assert found.short("direct") < 0.01
+    assert found.brute == pytest.approx(0.785, abs=0.005)
+
+
+DRAWN = draw(12, 1)
+
+
+@pytest.mark.parametrize("one", [DRAWN[6], *(draw(57, 31)[number] for number in (40, 56))])
+def test_the_regular_height_is_found_where_a_narrower_search_took_another(one: Drawn) -> None:
+    """Without gravity and with much restitution, behind a long irregular transient, and at the edge of a cliff."""
+    found = measured(one, "direct")
+    assert found.best_regular
+    assert found.regular
+    assert found.excess <= 0.02
+
+
+def at_share(number: int, share: float) -> tuple[DamperResponse, float, float]:
+    """Return a system of seed 31, its support's amplitude [m], and the height [m] at a share of a clearance."""
+    scene = scene_of(draw(number + 1, 31)[number])
+    damper, amplitude = DamperResponse(scene, 1e-6), float(scene.excitation.amplitude_points[0][1])
+    return damper, amplitude, damper.diameter + share * np.pi * damper.closed_amplitude(amplitude)
+
+
+def test_a_motion_of_three_or_four_periods_is_regular_where_that_is_asked_for() -> None:
+    damper, amplitude, height = at_share(32, 0.1779)
+    state, at_once = damper.closed_state(amplitude), ((0.0, height),)
+    settled = damper.follow_on(amplitude, state, at_once, Timing(600.0, 16.0))
+    later = ((state.time, height),)
+    assert not settled.regular
+    assert not damper.follow_on(amplitude, state.copy(), later, Timing(16.0, 16.0)).regular
+    assert damper.follow_on(amplitude, state.copy(), later, Timing(16.0, 16.0, 4)).regular
+
+
+def test_a_regular_motion_is_followed_to_its_cliff() -> None:
+    damper, amplitude, height = at_share(56, 0.536)
+    state = damper.closed_state(amplitude)
+    settled = damper.follow_on(amplitude, state, ((0.0, height),), Timing(300.0, 16.0))
+    cliff = damper.cliff(amplitude, state, height, 1.2 * height)
+    assert cliff is not None
+    assert cliff.amplitudes[0] == pytest.approx(settled.amplitude, rel=1e-3)
+    assert 0.541 < (cliff.height - damper.diameter) / (np.pi * damper.closed_amplitude(amplitude)) < 0.5425
+    clearance = damper.diameter + 1.01 * (cliff.height - damper.diameter)
+    state = cliff.last.state
+    beyond = damper.follow_on(amplitude, state, ((state.time, clearance),), Timing(300.0, 16.0))
+    assert not beyond.regular
+
+
+def test_under_a_margin_the_motion_is_regular_in_its_box() -> None:
+    found = measured(DRAWN[4], "margin")
+    assert found.guaranteed
+    assert not found.announced
+    assert (found.irregular, found.broken) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("verified", "irregular", "bound", "none"), [(9, 0, True, False), (8, 0, False, False), (9, 1, False, True)]
+)
+def test_a_least_efficiency_is_a_bound_only_where_all_is_verified_and_regular(
+    verified: int, irregular: int, bound: bool, none: bool
+) -> None:
+    robust = Robust(0.2, 0.03, 0.05, 0.43219, verified, 9, irregular, 40)
+    note = guaranteed(robust, Deadline(60.0)).note
+    assert f"{verified} of 9" in note
+    assert bool(re.search(r"\bno\s+bound", note)) != bound
+    assert note.startswith("no") == none
+    assert "0.412" in note  # rounded down, less what lies between the systems
+
+
+#: Left out: here better heights are reached only after longer irregular transients than either search waits for, and
+#: rounding decides which of them finds one (docs/selection.md, what falls short).
+LUCK = (0.2, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("fraction", "amplitude"),
+    [one for one in product((0.02, 0.1, 0.2, 0.3), (0.005, 0.01, 0.03, 0.07)) if one != LUCK][::2],
+)
+def test_the_amplitude_is_at_most_four_parts_in_a_thousand_above_that_of_the_thorough_search(
+    scene: Scene, fraction: float, amplitude: float
+) -> None:
+    damper = DamperResponse(scene.with_(mass_fraction=fraction), 1e-5)
+    assert best_height(damper, amplitude).amplitude <= 1.004 * thorough_best(damper, amplitude).amplitude
+
+
+def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
+    # at 2 mm the grain never reaches a ceiling above 43 mm: everything from there on is equally good
+    damper = DamperResponse(scene, 1e-5)
+    assert thorough_best(damper, 0.002).height == pytest.approx(0.0434, rel=0.01)
+    assert best_height(damper, 0.002).height == pytest.approx(0.0434, rel=0.02)  # in steps of a hundredth
+
+
+MODEL = ROOT / "atpid_control/config/learned/heights.npz"
+
+
+@pytest.fixture(scope="module")
+def model() -> HeightModel:
+    return HeightModel.load(MODEL)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Scene:
+    return load_scene(ROOT / "scenes/thesis_4_3.yaml")
+
+
+def other_beam() -> Scene:
+    return load_scene(ROOT / "scenes/stiff_beam.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "amplitude"), [("thesis_4_3", 0.012), ("thesis_4_3", 0.05), ("stiff_beam", 0.002), ("stiff_beam", 0.005)]
+)
+def test_the_height_is_a_little_below_the_best(model: HeightModel, name: str, amplitude: float) -> None:
+    scene = load_scene(ROOT / f"scenes/{name}.yaml")  # soft contacts, which the training has not seen
+    damper = DamperResponse(scene, 1e-5)
+    chosen, best = LearnedSelector(scene, model).select(Excitation(amplitude)), thorough_best(damper, amplitude)
+    share = (chosen.height - damper.diameter) / (best.height - damper.diameter)
+    assert share == pytest.approx(SHARE, abs=0.035)
+    clearance = (chosen.height - damper.diameter) / damper.ballistic_clearance(amplitude)
+    there = learning.remaining_at(damper, amplitude, clearance)
+    assert 1.0 - chosen.efficiency == pytest.approx(there, abs=0.04)
+    assert chosen.beam_amplitude == pytest.approx(there * damper.closed_amplitude(amplitude), rel=0.25)
+    assert there < 1.0 - best.efficiency + 0.04
+
+
+def test_only_dimensionless_numbers_count(model: HeightModel, bench: Scene) -> None:
+    # four times as large at half the frequency: the same accelerations
+    soft, grain = {"mass": 0.3258, "stiffness": 427.6 / 4.0, "damping": 0.28}, {"mass_fraction": 0.1, "radius": 0.034}
+    large = bench.with_(beam=soft, grain=grain, ceiling={"height": 0.5})
+    small, great = (DamperResponse(scene, 1e-5) for scene in (bench, large))
+    assert inputs_of(large, great, 0.08) == pytest.approx(inputs_of(bench, small, 0.02), rel=1e-4)
+    heights = [LearnedSelector(s, model).select(Excitation(a)).height for s, a in ((bench, 0.02), (large, 0.08))]
+    assert heights[1] == pytest.approx(4.0 * heights[0], rel=1e-3)
+
+
+def test_a_margin_takes_the_lower_end_and_its_price_is_unknown(model: HeightModel, bench: Scene) -> None:
+    selector = LearnedSelector(bench, model)
+    safe = selector.select(Excitation(0.02, 0.001), 3.0)
+    assert safe.height == selector.select(Excitation(0.017)).height
+    assert math.isnan(safe.price)
+    # not below what the model covers
+    assert selector.select(Excitation(0.02, 0.02), 1.0).height < selector.select(Excitation(0.0075)).height
+
+
+def test_the_shipped_errors_are_those_of_the_shipped_systems(model: HeightModel) -> None:
+    again = learning.with_errors(model, lambda done: None).errors
+    assert [row["left_out"] for row in again] == [row["left_out"] for row in model.errors]
+    for now, kept in zip(again, model.errors, strict=True):
+        assert now["systems"] == kept["systems"]
+        for name, error in (("clearance", 0.02), ("above", 0.02), ("amplitude", 0.02), ("lost", 0.005)):
+            assert now[name] == pytest.approx(kept[name], abs=error)
+        assert now["clearance"][0] < 0.01
+        assert now["lost"][0] < 0.03
+
+
+def test_a_system_drawn_has_the_inputs_it_was_drawn_with(model: HeightModel) -> None:
+    assert model.inputs[:8] == pytest.approx(learning.draw(1024)[:8])
+    assert (model.inputs >= learning.LOWEST).all()
+    assert (model.inputs <= learning.HIGHEST).all()
+    row = slice(0, 1)  # the shipped model, as the shipped map, was made with the thorough search
+    again = learning.train(model.inputs[row], lambda done: None, thorough_best)
+    assert again.clearances == pytest.approx(model.clearances[row], rel=1e-6)
+    for inputs in learning.draw(32)[:5]:
+        drawn = learning.system_of(inputs)
+        damper = DamperResponse(drawn.scene, 1e-5)
+        assert inputs_of(drawn.scene, damper, drawn.amplitude) == pytest.approx(inputs, rel=1e-9)
+
+
+def test_the_command_trains_a_model_that_selects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["learn", "--out", str(tmp_path), "--systems", "32"]) == 0
+    file = tmp_path / "heights.npz"
+    assert main(["select", str(ROOT / "scenes/stiff_beam.yaml"), "--method", "learned", "--map", str(file)]) == 0
+    small = HeightModel.load(file)
+    assert len(small.inputs) == 29
+    capsys.readouterr()
+    assert main(["learn", "--out", str(tmp_path), "--systems", "5"]) == 2
+    has_parts(capsys.readouterr().err.removesuffix("\n"), ("--systems", "5", "32", "4096"))
+    # coarse, but of the same physics
+    best = thorough_best(DamperResponse(other_beam(), 1e-5), 0.004).height
+    assert LearnedSelector(other_beam(), small).select(Excitation(0.004)).height == pytest.approx(best, rel=0.15)
+
+
+def test_a_file_that_is_no_model_is_one_line(model: HeightModel, tmp_path: Path) -> None:
+    saved = tmp_path / "copy.npz"
+    model.save(saved)
+    read = HeightModel.load(saved)
+    assert np.array_equal(read.predict(model.inputs[:5]), model.predict(model.inputs[:5]))
+    assert read.errors == model.errors
+    text, cut, pickled, damaged = (tmp_path / f"{name}.npz" for name in ("text", "cut", "pickled", "damaged"))
+    text.write_text("no model")
+    cut.write_bytes(saved.read_bytes()[:1000])
+    np.savez(pickled, about=np.array({"format": 1}, dtype=object))
+    HeightModel(model.inputs, model.clearances[:3], model.remaining, model.drawn_from).save(damaged)
+    maps = ROOT / "atpid_control/config/maps/standard.npz"
+    for path in (text, cut, pickled, damaged, maps, tmp_path / "none.npz"):
+        with refused(ModelError, path.name, "learn"):
+            HeightModel.load(path)
+
+
+def test_the_loop_is_damped_by_it() -> None:
+    scene = other_beam()
+    ran = run_loop(scene, configured(), map_for(scene))
+    beam, damper, rate = ran.beam, DamperResponse(scene, 1e-5), scene.sensors.laser.rate
+    for end, amplitude in ((8.0, 0.002), (16.0, 0.006), (24.0, 0.004)):
+        there = 0.5 * float(np.ptp(beam[round((end - 1.0) * rate) : round(end * rate)]))
+        assert there < 0.2 * damper.closed_amplitude(amplitude)
+    assert not any(ran.rumbling[-20:])
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        ({"mass_fraction": 0.02}, "mass fraction 0.02"),
+        ({"beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 3.0}}, "damping ratio"),
+        ({"beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 1.1}, "mass_fraction": 0.05}, "times the beam's"),
+        ({"contact": {"law": "impact", "restitution": 0.9}}, "restitution 0.9"),
+        ({"gravity": 0.0}, "gravity 0"),
+        ({"frequency": 6.0}, "frequency 6 Hz"),
+    ],
+)
+def test_a_system_beyond_the_range_is_refused(
+    model: HeightModel, bench: Scene, change: dict[str, Any], parts: str
+) -> None:
+    with refused(SelectionError, *parts.split(), "direct"):
+        LearnedSelector(bench.with_(**change), model)
+
+
+def test_an_excitation_beyond_the_range_is_refused(model: HeightModel, bench: Scene) -> None:
+    selector = LearnedSelector(bench, model)
+    for amplitude in (0.005, 0.5):
+        with refused(SelectionError, "0.007279", "0.182 m"):
+            selector.select(Excitation(amplitude))
+    with refused(SelectionError, "frequency", "6 Hz"):
+        selector.select(Excitation(0.02, frequency=6.0))
+    near = selector.select(Excitation(0.02, frequency=1.02 * bench.frequency_hz))
+    assert near.height == selector.select(Excitation(0.02)).height

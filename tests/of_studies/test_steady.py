@@ -1,24 +1,35 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steady motions without waiting: against runs that have waited, their multipliers, and what has none."""
+"""Steady motions without waiting, at one height and over heights: against runs that have waited, and what has none."""
 
+import csv
 import json
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from sim_refusals import refused
 
 from atpid_control.cli import main
 from atpid_sim.engine import columns
 from atpid_sim.engine.settling_run import _middle_of_longest_flight
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import Method, SteadyEnding, steady_state
 from atpid_sim.periodic.newton import extrapolated
-from atpid_sim.scene import Scene, load_scene
+from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
+from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.batch import Workers
+from atpid_sim.simulation.heights import opened
 from atpid_sim.simulation.integration import Integration, Observation
-from studies.cli import main as studies
+from atpid_sim.simulation.simulate import simulate
 from studies.steady.command import compare
+from studies.steady.systems import drawn
 from studies.sweep.measure import standard_task
+from studies.sweep.measure import sweep as over
+from studies.sweep.steady import compared
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")
@@ -40,52 +51,9 @@ def test_the_standard_task_is_what_it_settles_to() -> None:
     assert found.followed < 12.0
 
 
-def test_a_disturbance_dies_out_as_the_multipliers_state() -> None:
-    """The run that waits comes nearer by the leading multiplier each period."""
-    found = steady_state(STANDARD, "soft", 1e-9).state
-    assert found is not None
-    leading = abs(found.multipliers[0])
-    period = 1.0 / STANDARD.frequency_hz
-
-    def off(end: float) -> float:
-        scene = STANDARD.with_(duration=end, steady_window=[end - 2.0 * period, end])
-        run = Integration(scene, "soft", 1e-10).run(Observation(scene.steady_window))
-        return abs(run.last.amplitude - found.amplitude)
-
-    early, late = 14.0, 14.0 + 20.0 * period
-    assert (off(late) / off(early)) ** (1.0 / 20.0) == pytest.approx(leading, rel=0.01)
-    assert found.settling_periods == pytest.approx(-1.0 / np.log(leading))
-
-
-def test_instantaneous_impacts_are_exact() -> None:
-    scene = STANDARD.with_(contact={"law": "impact", "restitution": 0.146})
-    found = steady_state(scene, "impact", 1e-9).state
-    assert found is not None
-    assert found.amplitude == pytest.approx(settled(scene, "impact", 1e-9), rel=1e-8)
-
-
-def test_a_sticking_grain_has_a_steady_motion_too() -> None:
-    scene = load_scene(SCENES / "sticking.yaml")
-    found = steady_state(scene, "soft", 1e-8).state
-    assert found is not None
-    assert found.amplitude == pytest.approx(settled(scene, "soft", 1e-9), rel=1e-7)
-
-
-@pytest.mark.parametrize("task", [(0.015366, 0.1756, 0.07051), (0.003493, 0.0757, 0.03756)])
-def test_steps_shrink_where_the_tabulated_derivative_is_off(task: tuple[float, float, float]) -> None:
-    scene = standard_task(*task)
-    found = steady_state(scene, "soft", 1e-8).state
-    assert found is not None
-    assert found.amplitude == pytest.approx(settled(scene, "soft", 1e-10), rel=3e-8)
-
-
 @pytest.mark.parametrize(
     "task",
-    [
-        (0.002036426956816831, 0.06560612133507332, 0.9750006206839329),
-        (0.002109, 0.0697, 0.71566),
-        (0.014141519528659144, 0.05031186455438512, 0.48270037598620913),
-    ],
+    [(0.0020364, 0.0656061, 0.97500), (0.002109, 0.0697, 0.71566), (0.01414152, 0.05031186, 0.48270038)],
 )
 def test_a_motion_that_the_transient_only_passes_is_not_called_steady(task: tuple[float, float, float]) -> None:
     """Near grazing: some are unstable, though the derivative beside them is not; the run ends in another motion."""
@@ -94,6 +62,22 @@ def test_a_motion_that_the_transient_only_passes_is_not_called_steady(task: tupl
         assert search.ending in (SteadyEnding.IRREGULAR, SteadyEnding.BY_CHANCE)
     else:
         assert search.state.amplitude == pytest.approx(settled(standard_task(*task), "soft", 1e-10, 800.0), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "fidelity"),
+    [
+        (STANDARD.with_(contact={"law": "impact", "restitution": 0.146}), "impact"),
+        (load_scene(SCENES / "sticking.yaml"), "soft"),
+        (standard_task(0.015366, 0.1756, 0.07051), "soft"),  # steps shrink where the tabulated derivative is off
+        (standard_task(0.003493, 0.0757, 0.03756), "soft"),
+    ],
+)
+def test_impacts_sticking_and_shrunk_steps_have_what_they_settle_to(scene: Scene, fidelity: str) -> None:
+    found = steady_state(scene, fidelity, 1e-8).state
+    assert found is not None
+    assert found.amplitude == pytest.approx(settled(scene, fidelity, 1e-10), rel=1e-7)
+    assert found.settling_periods == pytest.approx(-1.0 / np.log(abs(found.multipliers[0])))
 
 
 def test_a_motion_left_to_chance_is_not_called_steady() -> None:
@@ -160,7 +144,8 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert "settling_periods" in capsys.readouterr().out
     assert main(["simulate", str(SCENES / "irregular.yaml"), "--steady", "--fidelity", "impact", "--json"]) == 0
     printed = capsys.readouterr()
-    assert printed.err.startswith("steady: the motion does not come to repeat itself")
+    assert printed.err.startswith("steady: ")
+    assert printed.err.count("\n") == 1
     assert json.loads(printed.out)["motion"] == "irregular"
 
 
@@ -182,14 +167,176 @@ def test_what_a_long_run_comes_to_is_found(seed: int, number: int, method: Metho
     assert one.multiplier_right
 
 
-def test_the_study_puts_its_table_into_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page, journal = tmp_path / "page.md", tmp_path / "systems.journal"
-    page.write_text("before\n<!-- made by python -m studies steady -->\n<!-- end -->\nafter\n")
-    arguments = ["steady", "--systems", "2", "--seed", "4", "--workers", "1", "--journal", str(journal)]
-    assert studies([*arguments, "--page", str(page)]) == 0
-    text = page.read_text()
-    assert "| all | 2 | 2 | 2 | 2 | 2 | 2 | 0 of 0 | 0 of 0 | 0 of 0 |" in text
-    assert text.startswith("before\n")
-    assert text.endswith("<!-- end -->\nafter\n")
-    assert "Not as the judge has it: none." in capsys.readouterr().out
-    assert not journal.exists()
+TASK = standard_task(0.01, 0.1, 0.2)
+#: Over the regular range, doublings, an irregular range and the cliff behind which nothing settles.
+HEIGHTS = np.linspace(0.14, 0.22, 257)
+
+
+@pytest.fixture(scope="module")
+def swept() -> HeightSweep:
+    (found,) = over_heights([TASK], HEIGHTS, "finite", 1e-4, Workers(1))
+    return found
+
+
+def test_each_is_the_motion_that_its_own_run_comes_to(swept: HeightSweep) -> None:
+    judged = compared(TASK, swept, Workers(2), lambda _: None)
+    assert judged["another"] == judged["not_regular"] == []
+    assert judged["same"] == judged["steady_found"] >= 0.9 * judged["regular"]
+    assert judged["by_neighbour"] > 100
+    assert judged["above_1e-4"] == 0
+    assert judged["largest_error"] < 1e-4
+
+
+def test_where_nothing_settles_the_run_itself_is_the_answer(swept: HeightSweep) -> None:
+    """To the last digit: nothing of a neighbour is in it."""
+    places = np.flatnonzero(swept.ways == Way.UNSETTLED)
+    assert len(places) > 50
+    assert np.isnan(swept.errors[places]).all()
+    assert not swept.periods[places].any()
+    for place in places[[0, len(places) // 2, -1]]:
+        alone = simulate(opened(TASK, float(HEIGHTS[place])), "finite", 1e-4, check=False)
+        assert swept.amplitudes[place] == alone.amplitude
+
+
+def test_multipliers_and_periods_are_those_of_the_search_at_one_height(swept: HeightSweep) -> None:
+    for place in np.flatnonzero(swept.ways == Way.NEIGHBOUR)[::40]:
+        one = steady_state(opened(TASK, float(HEIGHTS[place])), "soft", 1e-6).state
+        assert one is not None
+        assert one.periods == swept.periods[place]
+        assert swept.amplitudes[place] == pytest.approx(one.amplitude, rel=swept.errors[place])
+        # taken at a neighbour, up to 32 heights before
+        assert swept.multipliers[place] == pytest.approx(abs(one.multipliers[0]), abs=0.05)
+
+
+def test_workers_and_a_journal_change_nothing(swept: HeightSweep, tmp_path: Path) -> None:
+    journal = tmp_path / "sweep.journal"
+
+    def stop(done: int) -> None:
+        if done >= 128:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match=r"1.*3"):
+        over_heights([TASK], HEIGHTS, "finite", 1e-4, Workers(1), stop, journal)
+    (again,) = over_heights([TASK], HEIGHTS, "finite", 1e-4, Workers(2), None, journal)
+    assert len(journal.read_text().splitlines()) == 4
+    for name in ("heights", "amplitudes", "errors", "multipliers", "periods", "ways"):
+        assert np.array_equal(getattr(again, name), getattr(swept, name), equal_nan=name in ("errors", "multipliers"))
+
+
+@pytest.mark.parametrize("number", [3, 6])  # a hysteretic law; instantaneous impacts
+def test_random_systems_are_judged_right(number: int) -> None:
+    scene = drawn(5, number).with_(tolerance=1e-4)
+    diameter = 2.0 * scene.grain.radius
+    heights = diameter + (scene.ceiling.heights[-1][1] - diameter) * np.linspace(0.4, 1.2, 48)
+    (found,) = over_heights([scene], heights)
+    judged = compared(scene, found, Workers(2), lambda _: None)
+    assert judged["another"] == judged["not_regular"] == []
+    assert judged["same"] == judged["steady_found"]
+
+
+def test_several_amplitudes_and_masses_are_rows_of_their_own() -> None:
+    heights = np.linspace(0.08, 0.1, 9)
+    scenes = [TASK, TASK.with_(amplitude=0.012), TASK.with_(mass_fraction=0.08)]
+    together = over_heights(scenes, heights, "impact", 1e-4)
+    for scene, row in zip(scenes, together, strict=True):
+        (alone,) = over_heights([scene], heights, "impact", 1e-4)
+        assert alone.amplitudes.tolist() == row.amplitudes.tolist()
+        assert (row.periods == 1).all()
+    assert len({row.amplitudes[0] for row in together}) == 3
+
+
+def test_a_run_that_does_not_reach_its_end_is_named() -> None:
+    deep = TASK.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
+    (found,) = over_heights([deep], np.array([0.1, 0.2]), "soft")
+    assert (found.ways == Way.FAILED).all()
+    assert np.isnan(found.amplitudes).all()
+    assert re.search(r"\b2 without", found.sentence)
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"steady_window": [6.5, 16.0]}, "7 s"),
+        ({"further_dampers": [{"mass_fraction": 0.1, "height": 0.1}]}, "one damper"),
+        ({"excitation": {"sweep": {"amplitude": 0.01, "from": 4.0, "to": 6.0}}}, "tone"),
+    ],
+)
+def test_what_changes_until_the_window_is_refused(change: dict[str, Any], part: str) -> None:
+    with refused(SceneError, part):
+        over_heights([TASK.with_(**change)], np.array([0.1, 0.2]), "impact")
+    with pytest.raises(ValueError, match=r"above.*before"):
+        over_heights([TASK], np.array([0.2, 0.1]))
+
+
+@pytest.mark.parametrize("fidelity", ["impact", "finite", "soft"])
+def test_without_a_ledger_the_motion_is_the_same(fidelity: str) -> None:
+    integration = Integration(TASK, fidelity, 1e-4)
+    kept, left = integration.initial_state(), integration.initial_state()
+    left.y[columns.INPUT] = math.nan
+    for state in (kept, left):
+        integration.advance(state, integration.table)
+    places = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
+    assert kept.y[places].tolist() == left.y[places].tolist()
+    assert math.isnan(left.y[columns.INPUT])
+
+
+def test_the_command_prints_and_writes_heights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "sweep.csv"
+    line = [
+        "sweep",
+        str(SCENES / "standard.yaml"),
+        "--heights",
+        "0.08:0.1:21",
+        "--amplitudes",
+        "0.009:0.01:2",
+        "--fidelity",
+        "impact",
+    ]
+    assert main([*line, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == 2
+    assert re.search(r"0\.1.*0\.009 m.*21 of 21", printed[0])
+    written = list(csv.DictReader(out.read_text().splitlines()))
+    assert list(tmp_path.iterdir()) == [out]
+    assert main([*line, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == len(written) == 42
+    assert [float(row["amplitudes"]) for row in written] == [row["amplitudes"] for row in rows]
+    assert {row["ways"] for row in rows} == {"neighbour", "own"}
+
+
+@pytest.mark.parametrize("fidelity", ["simplified", "impact", "finite", "soft"])
+def test_a_sweep_has_what_each_height_has_alone(fidelity: str) -> None:
+    """To the last digit, although what the runs have in common is integrated once; closed and open ceilings mixed."""
+    scene = STANDARD.with_(duration=8.5, steady_window=[8.0, 8.5])
+    done = over(scene, 0.017, 0.2, 4, 1e-4, fidelity)
+    alone = [simulate(opened(scene, float(height)), fidelity, 1e-4, check=False) for height in done.heights]
+    assert done.amplitudes.tolist() == [result.amplitude for result in alone]
+    assert done.residuals.tolist() == [result.energy_residual for result in alone]
+    assert done.impacts.tolist() == [result.impacts for result in alone]
+    assert (done.integration_s > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("ceiling", "expected"),
+    [
+        ({"height": 0.1}, ((0.0, 0.2),)),
+        ({"profile": [[0.0, 0.1]]}, ((0.0, 0.2),)),
+        ({"profile": [[0.0, 0.017], [1.0, 0.05], [2.0, 0.1]]}, ((1.0, 0.017), (2.0, 0.2))),
+        ({"closed": 0.017, "open": 0.1, "start": 1.0, "end": 2.0}, ((1.0, 0.017), (2.0, 0.2))),
+    ],
+)
+def test_any_ceiling_is_opened_to_a_height(ceiling: dict[str, Any], expected: tuple[tuple[float, float], ...]) -> None:
+    scene = STANDARD.with_(ceiling=ceiling, duration=3.0, steady_window=[2.0, 3.0])
+    assert opened(scene, 0.2).ceiling.heights == expected
+    alone = simulate(opened(scene, 0.2), "soft", 1e-4, check=False)
+    assert over(scene, 0.2, 0.2, 1, 1e-4).amplitudes[0] == alone.amplitude
+
+
+def test_a_controlled_ceiling_and_a_height_that_cannot_be_simulated_are_refused() -> None:
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
+    with refused(SceneError, "lookup", "height"):
+        over(STANDARD.with_(ceiling=ceiling), 0.1, 0.2, 2)
+    deep = STANDARD.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
+    with pytest.raises(NumericalFailure, match=r"deeper.*radius.*\d"):
+        over(deep, 0.1, 0.2, 3)

@@ -37,7 +37,10 @@ WARNINGS = (
     "ignore:Type google._upb:DeprecationWarning",
 )
 TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
-SLOW = "slow: seconds of processor time, processes, or real time; `make test-fast` leaves it out"
+MARKERS = (
+    "wall_time: its subject is the time on the clock; `make test` runs it after the others, alone",
+    "always(reason): `make test` runs it whatever it costs (tests/parts.py)",
+)
 
 # Threads and processes that may outlive a test, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
@@ -66,7 +69,8 @@ def pytest_configure(config: pytest.Config) -> None:
             signal.signal(number, signal.SIG_DFL if number == signal.SIGHUP else signal.default_int_handler)
     for line in WARNINGS:
         config.addinivalue_line("filterwarnings", line)
-    config.addinivalue_line("markers", SLOW)
+    for line in MARKERS:
+        config.addinivalue_line("markers", line)
     if config.getoption("timeout", None) is None:
         config.option.timeout = TIMEOUT
 

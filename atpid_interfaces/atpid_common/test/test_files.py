@@ -5,6 +5,7 @@
 import io
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_common import files
 from atpid_common.files import FileError, read_arrays, read_text
 
 MOST = 1_000_000
@@ -22,6 +22,15 @@ def npz(**arrays: object) -> bytes:
     stream = io.BytesIO()
     np.savez(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()
+
+
+def header_of(numbers: int) -> bytes:
+    """Return an archive of an array that states so many numbers and has none."""
+    stream, file = io.BytesIO(), io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (numbers,)})
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("time.npy", stream.getvalue())
+    return file.getvalue()
 
 
 GOOD = npz(time=np.arange(100.0), words=np.array(["a", "b"]), empty=np.zeros(0))
@@ -36,18 +45,20 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_text, read_arrays])
-def test_a_pipe_a_device_a_folder_and_nothing_are_refused_at_once(read: object, tmp_path: Path) -> None:
+def test_a_pipe_a_device_a_folder_and_nothing_are_refused_at_once(
+    read: Callable[[Path, int], object], tmp_path: Path
+) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for path, words in (
-        (tmp_path / "pipe", "is a pipe or a device"),
-        (Path("/dev/zero"), "is a pipe or a device"),
-        (tmp_path, "is a folder"),
-        (tmp_path / "none", "no such file"),
-        (Path("a\0b"), "is no path"),
-        (Path("x" * 5000), "cannot be read: File name too long"),
+    for path, reason in (
+        (tmp_path / "pipe", "pipe"),
+        (Path("/dev/zero"), "device"),
+        (tmp_path, "folder"),
+        (tmp_path / "none", "no such"),
+        (Path("a\0b"), "no path"),
+        (Path("x" * 5000), "too long"),
     ):
-        with pytest.raises(FileError, match=words):
-            read(path, MOST)  # type: ignore[operator]
+        with pytest.raises(FileError, match=reason):
+            read(path, MOST)
 
 
 def test_a_large_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +66,7 @@ def test_a_large_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.Monk
     with path.open("wb") as file:
         file.truncate(10**12)  # sparse
     monkeypatch.setattr(Path, "read_text", None)
-    with pytest.raises(FileError, match=r"1000000\.0 MB; allowed: at most 1 MB"):
+    with pytest.raises(FileError, match=r"large: 1000000\.0 MB;.* 1 MB"):
         read_text(path, MOST)
 
 
@@ -63,24 +74,20 @@ def test_an_archive_that_unpacks_to_more_is_refused(tmp_path: Path, monkeypatch:
     path = tmp_path / "packed.npz"
     np.savez_compressed(path, time=np.zeros(1_000_000))
     assert path.stat().st_size < MOST
-    monkeypatch.setattr(files, "_array", None)
-    with pytest.raises(FileError, match=r"8\.0 MB unpacked; allowed: at most 1 MB"):
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)  # none of it is unpacked
+    with pytest.raises(FileError, match=r"packed\.npz: 8\.0 MB .* 1 MB"):
         read_arrays(path, MOST)
 
 
-def test_a_header_that_states_more_than_is_there_takes_no_memory(tmp_path: Path) -> None:
-    stream, path = io.BytesIO(), tmp_path / "header.npz"
-    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("time.npy", stream.getvalue())
-    with pytest.raises(FileError, match="8000000000000000 bytes stated"):
-        read_arrays(path, MOST)
-
-
-def test_python_objects_are_not_loaded(tmp_path: Path) -> None:
-    path = tmp_path / "objects.npz"
-    path.write_bytes(npz(time=np.array([print, None])))
-    with pytest.raises(FileError, match="Python objects"):
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(header_of(10**15), "8000000000000000"), (npz(time=np.array([print, None])), "Python")],
+    ids=["more stated than there is", "Python objects"],
+)
+def test_neither_memory_is_taken_nor_an_object_loaded(content: bytes, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.npz"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=rf"odd\.npz: .*time.*{reason}"):
         read_arrays(path, MOST)
 
 

@@ -13,13 +13,15 @@ import pytest
 from atpid_common.interrupt import Interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+each_signal = pytest.mark.parametrize("number", SIGNALS)
+BLOCKED = ("env", *(f"--block-signal={name}" for name in ("INT", "TERM", "HUP")))
 
 SLOW_MODULE = """
 import sys
 
 class Torn:
     def __init__(self):
-        print("loading", flush=True)
+        print("ready", flush=True)
         sys.stdin.readline()
         while True:
             pass
@@ -33,16 +35,43 @@ except KeyboardInterrupt:
     {reaction}
 """
 MAIN = "import sys; from atpid_common.interrupt import run_executable; sys.exit(run_executable('slow_module'))"
+BURST = """
+import sys
+from atpid_common.interrupt import Interrupt
+with Interrupt() as interrupt:
+    interrupt.defer()
+    print("ready", flush=True)
+    sys.stdin.readline()
+    print(interrupt.received, flush=True)
+"""
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_stops_what_can_be_stopped(number: int) -> None:
+def ended(folder: Path, module: str, code: str = MAIN, before: tuple[str, ...] = ()) -> tuple[int, str, str]:
+    (folder / "slow_module.py").write_text(module)
+    done = subprocess.run([*before, sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
+    return done.returncode, done.stdout, done.stderr
+
+
+def ready(code: str, folder: Path) -> "subprocess.Popen[str]":
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@each_signal
+def test_a_signal_stops_what_can_be_stopped_and_the_former_handlers_come_back(number: int) -> None:
+    before = [signal.getsignal(each) for each in SIGNALS]
     with pytest.raises(KeyboardInterrupt), Interrupt() as interrupt:
         os.kill(os.getpid(), number)
     assert interrupt.received
+    assert [signal.getsignal(each) for each in SIGNALS] == before
 
 
-@pytest.mark.parametrize("number", SIGNALS)
+@each_signal
 def test_a_deferred_signal_is_only_noted(number: int) -> None:
     with Interrupt() as interrupt:
         interrupt.defer()
@@ -50,13 +79,6 @@ def test_a_deferred_signal_is_only_noted(number: int) -> None:
         os.kill(os.getpid(), number)
         os.kill(os.getpid(), number)
         assert interrupt.received
-
-
-def test_the_former_handlers_come_back() -> None:
-    before = [signal.getsignal(number) for number in SIGNALS]
-    with Interrupt():
-        assert [signal.getsignal(number) for number in SIGNALS] != before
-    assert [signal.getsignal(number) for number in SIGNALS] == before
 
 
 def test_what_nohup_ignores_stays_ignored() -> None:
@@ -70,16 +92,11 @@ def test_what_nohup_ignores_stays_ignored() -> None:
 
 
 @pytest.mark.parametrize("reaction", ["raise", "raise ImportError('not loaded')", "sys.exit(7)"])
-@pytest.mark.parametrize("number", SIGNALS)
+@each_signal
 def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path: Path, number: int, reaction: str) -> None:
     (tmp_path / "slow_module.py").write_text(SLOW_MODULE.format(reaction=reaction))
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
-    )  # fmt: skip
+    process = ready(MAIN, tmp_path)
     assert process.stdin is not None
-    assert process.stdout is not None
-    assert process.stdout.readline() == "loading\n"
     process.stdin.write("\n")
     process.stdin.flush()
     process.send_signal(number)
@@ -87,71 +104,37 @@ def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path: Path, number
     assert (process.returncode, output) == (0, "")
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_that_came_before_python_had_started_ends_quietly(tmp_path: Path, number: int) -> None:
-    """The launch files start nodes with these signals blocked."""
-    (tmp_path / "slow_module.py").write_text("print('loaded')")
-    start = f"import os, signal; os.kill(os.getpid(), {int(number)}); "
-    done = subprocess.run(
-        ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", sys.executable, "-c", start + MAIN],
-        capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+@each_signal
+def test_a_signal_that_came_before_there_was_a_handler_ends_quietly(tmp_path: Path, number: int) -> None:
+    """The launch files start nodes with these signals blocked; it comes before Python's start, and before `main`."""
+    sends = f"import os; os.kill(os.getpid(), {int(number)}); "
+    assert ended(tmp_path, "print('loaded')", sends + MAIN, BLOCKED) == (0, "", "")
+    assert ended(tmp_path, f"{sends}print('late')", MAIN, BLOCKED) == (0, "", "")
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-def test_blocked_signals_arrive_once_there_is_a_handler(tmp_path: Path, number: int) -> None:
-    (tmp_path / "slow_module.py").write_text(f"import os; os.kill(os.getpid(), {int(number)}); print('too far')")
-    done = subprocess.run(
-        ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", sys.executable, "-c", MAIN],
-        capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-@pytest.mark.parametrize("number", SIGNALS)
+@each_signal
 def test_a_signal_while_python_ends_changes_nothing(tmp_path: Path, number: int) -> None:
     module = f"import atexit, os\natexit.register(os.kill, os.getpid(), {int(number)})\ndef main(): return 3\n"
-    (tmp_path / "slow_module.py").write_text(module)
-    done = subprocess.run([sys.executable, "-c", MAIN], capture_output=True, text=True, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (3, "")
+    assert ended(tmp_path, module) == (3, "", "")
 
 
 def test_a_module_that_does_not_load_keeps_its_traceback(tmp_path: Path) -> None:
-    (tmp_path / "slow_module.py").write_text("raise ImportError('broken')")
-    done = subprocess.run([sys.executable, "-c", MAIN], capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 1
-    assert "ImportError: broken" in done.stderr
+    status, _, errors = ended(tmp_path, "raise ImportError('broken')")
+    assert status == 1
+    assert errors.splitlines()[-1].startswith("ImportError: ")
 
 
-BURST = """
-import sys
-from atpid_common.interrupt import Interrupt
-with Interrupt() as interrupt:
-    interrupt.defer()
-    print("ready", flush=True)
-    sys.stdin.readline()
-    print(interrupt.received, flush=True)
-"""
+def test_a_node_whose_library_is_missing_names_it_in_one_line(tmp_path: Path) -> None:
+    status, out, errors = ended(tmp_path, "raise ModuleNotFoundError('none', name='rosbags')\n")
+    assert (status, out) == (2, "")
+    assert errors.startswith("error: ")
+    assert errors.endswith(" 'rosbags'\n")
+    assert errors.count("\n") == 1
 
 
-def test_signals_that_interrupt_one_another_are_all_taken() -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", BURST], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+def test_signals_that_interrupt_one_another_are_all_taken(tmp_path: Path) -> None:
+    process = ready(BURST, tmp_path)
     for number in SIGNALS * 2000:
         process.send_signal(number)
     printed, output = process.communicate("\n", timeout=100.0)
     assert (process.returncode, printed, output) == (0, "True\n", "")
-
-
-def test_a_node_whose_library_is_missing_names_it_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "needing.py").write_text("raise ModuleNotFoundError('none', name='rosbags')\n")
-    command = "import sys; from atpid_common.interrupt import run_executable; sys.exit(run_executable('needing'))"
-    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = {**os.environ, "PYTHONPATH": paths}
-    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "error: needs rosbags, which is not installed: pip install 'rosbags'\n"

@@ -6,10 +6,11 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from itertools import product
 
 import pytest
 
-from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, INTERFACE, PROFILE, confine
+from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, INTERFACE, PROFILE, DomainError, confine, named_domain
 
 RANGE, FILE, URI = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE", "CYCLONEDDS_URI"
 LOCAL, ONLY = {RANGE: "LOCALHOST"}, {"ROS_LOCALHOST_ONLY": "1"}
@@ -18,7 +19,6 @@ OTHERS = ("rmw_connextdds", "rmw_zenoh_cpp", "rmw_gurumdds_cpp")
 
 
 def confined(middleware: str, given: dict[str, str]) -> dict[str, str]:
-    """Return what becomes of an environment."""
     environment = dict(given)
     confine(middleware, environment)
     return environment
@@ -43,24 +43,29 @@ def test_cyclone_dds_is_confined_by_its_interface_and_keeps_the_range(given: dic
     assert [interface.get("address") for interface in interfaces] == ["127.0.0.1"]
 
 
-@pytest.mark.parametrize("given", [LOCAL, ONLY, {RANGE: "SUBNET"}, {}])
-@pytest.mark.parametrize("middleware", OTHERS)
-def test_the_range_of_an_unknown_middleware_is_not_lifted(middleware: str, given: dict[str, str]) -> None:
-    assert confined(middleware, given) == given
+OPEN: tuple[dict[str, str], ...] = ({}, {RANGE: "SUBNET"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "0"})
+#: What a user sets for the middleware itself.
+OWN = [
+    (FAST_DDS[0], LOCAL | {FILE: "/own.xml"}),
+    (FAST_DDS[0], LOCAL | {"FASTDDS_DEFAULT_PROFILES_FILE": "/own.xml"}),
+    (CYCLONE_DDS, LOCAL | {URI: "file:///own.xml"}),
+]
 
 
 @pytest.mark.parametrize(
-    ("middleware", "given"),
-    [
-        *((middleware, given) for middleware in (*FAST_DDS, CYCLONE_DDS)
-          for given in ({}, {RANGE: "SUBNET"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "0"})),
-        (FAST_DDS[0], LOCAL | {FILE: "/own.xml"}),
-        (FAST_DDS[0], LOCAL | {"FASTDDS_DEFAULT_PROFILES_FILE": "/own.xml"}),
-        (CYCLONE_DDS, LOCAL | {URI: "file:///own.xml"}),
-    ],
-)  # fmt: skip
-def test_what_a_user_sets_stays(middleware: str, given: dict[str, str]) -> None:
+    ("middleware", "given"), [*product((*FAST_DDS, CYCLONE_DDS, *OTHERS), OPEN), *product(OTHERS, (LOCAL, ONLY)), *OWN]
+)
+def test_what_a_user_sets_and_the_range_of_an_unknown_middleware_stay(middleware: str, given: dict[str, str]) -> None:
     assert confined(middleware, given) == given
+
+
+def test_the_domain_the_user_has_set_is_taken() -> None:
+    for text, domain in (("", None), ("0", 0), ("77", 77), ("232", 232)):
+        assert named_domain({"ROS_DOMAIN_ID": text}) == domain
+    assert named_domain({}) is None
+    for text in ("lab", "-1", "233", "1.5"):
+        with pytest.raises(DomainError, match=rf"ROS_DOMAIN_ID: .*'{text}'.* 0 .* 232"):
+            named_domain({"ROS_DOMAIN_ID": text})
 
 
 #: Prints the addresses of Cyclone DDS's UDP sockets, and the multicast groups that were joined.

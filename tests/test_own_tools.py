@@ -1,0 +1,76 @@
+# Copyright 2026 ATPID maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests and their maintainers use: the list of what CI leaves out, fresh examples, benchmark, stubs."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from atpid_interfaces import action, msg, srv
+from benchmark import parts
+from left_out import ALLOWED
+from message_stubs import STUBS, stubs
+
+TESTS = Path(__file__).parent
+
+
+def run(*words: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    environment = os.environ | {"PYTHONPATH": f"{TESTS}:{os.environ.get('PYTHONPATH', '')}"} | variables
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False, env=environment)
+
+
+@pytest.mark.parametrize(
+    ("reason", "ci", "workers", "status"),
+    [
+        ("the moon is full", "true", "1", 1),
+        ("the moon is full", "", "0", 0),
+        (next(iter(ALLOWED)), "true", "0", 0),
+    ],
+)
+def test_what_is_not_on_the_list_fails_in_ci(tmp_path: Path, reason: str, ci: str, workers: str, status: int) -> None:
+    (tmp_path / "test_one.py").write_text(f"import pytest\n\ndef test_it():\n    pytest.skip({reason!r})\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    words = ["-m", "pytest", "-p", "left_out", "-p", "xdist", "-n", workers, str(tmp_path)]
+    done = run(*words, CI=ci, PYTEST_DISABLE_PLUGIN_AUTOLOAD="1")
+    assert done.returncode == status, done.stdout
+    assert ("left_out.py" in done.stdout) == bool(status)
+    assert reason in done.stdout or not status
+
+
+@pytest.mark.skipif(not os.environ.get("CI"), reason="left to chance: in CI only; `make fresh`")
+def test_fresh_examples_of_the_property_tests_pass() -> None:
+    done = run(str(TESTS / "fresh.py"), "10")
+    assert done.returncode == 0, done.stdout[-8000:] + done.stderr[-2000:]
+    tried, found = re.findall(r"\d+", done.stdout.splitlines()[-1])[:2]
+    assert 1 <= int(tried) <= int(found)
+    assert int(found) > 20  # property tests
+
+
+def test_each_part_of_the_benchmark_has_a_ratio(tmp_path: Path) -> None:
+    measured = parts(tmp_path, 2.0)
+    assert len({part.name for part in measured}) == 4
+    assert all(part.real > 0.0 and part.processor > 0.0 for part in measured)
+
+
+def same_fields(stub: ast.Module | ast.ClassDef, owner: object) -> int:
+    """Compare the classes of a stub with rosidl's; return how many have fields."""
+    count = 0
+    for node in (node for node in stub.body if isinstance(node, ast.ClassDef)):
+        made = getattr(owner, node.name)
+        for each in node.body:
+            if isinstance(each, ast.FunctionDef) and each.name == "__init__":
+                assert [one.arg for one in each.args.kwonlyargs] == list(made.get_fields_and_field_types())
+                count += 1
+        count += same_fields(node, made)
+    return count
+
+
+def test_the_stubs_of_the_messages_are_those_of_the_definitions() -> None:
+    made = stubs()
+    assert {name: (STUBS / name).read_text() for name in made} == made, "anew: python tests/message_stubs.py"
+    for kind, module in (("msg", msg), ("srv", srv), ("action", action)):
+        assert same_fields(ast.parse(made[f"{kind}.pyi"]), module) >= 1

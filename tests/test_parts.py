@@ -1,0 +1,61 @@
+# Copyright 2026 ATPID maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What `make test` runs is decided by what each test costs, and takes no longer than it may."""
+
+import ast
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from inventory import inventory
+from parts import BUDGET, FILE, FUNCTION, OTHERS, first, measured
+
+NODES = st.builds("test_{}.py::test_{}[{}]".format, st.integers(0, 3), st.integers(0, 3), st.integers(0, 9))
+COSTS = st.dictionaries(NODES, st.floats(0.0, 2.0 * FILE), min_size=1)
+
+
+@given(COSTS, st.sets(NODES))
+def test_a_function_takes_what_it_may_and_a_file_is_left_out_only_where_it_has_nothing_cheap(
+    costs: dict[str, float], always: set[str]
+) -> None:
+    chosen = first(costs, costs, always)
+    assert always <= chosen
+    for function in {node.partition("[")[0] for node in costs}:
+        taken = sorted(costs[node] for node in chosen - always if node.startswith(f"{function}["))
+        assert sum(taken) <= FUNCTION or (len(taken) == 1 and taken[0] <= FILE)
+    for file in {node.partition("::")[0] for node in costs}:
+        members = {node for node in costs if node.startswith(file)}
+        assert chosen & members or min(costs[node] for node in members) > FILE
+
+
+def test_a_test_without_a_row_belongs_to_it() -> None:
+    assert first(["a.py::test_new", "a.py::test_dear"], {"a.py::test_dear": 99.0}) == {"a.py::test_new"}
+
+
+def test_what_make_test_runs_takes_no_longer_than_it_may(request: pytest.FixtureRequest) -> None:
+    costs = measured()
+    always = {item.nodeid for item in request.session.items if item.get_closest_marker("always")}
+    others = costs.pop(OTHERS)
+    assert others + sum(costs[node] for node in first(costs, costs, always & costs.keys())) <= BUDGET
+
+
+def test_the_table_has_the_tests_that_there_are(root: Path) -> None:
+    """Where one has another name now: `make costs`, or the name in the table."""
+    gone, functions = [], dict[str, set[str]]()
+    for node in measured().keys() - {OTHERS}:
+        file, _, function = node.partition("[")[0].partition("::")
+        if file not in functions:
+            tree = ast.parse((root / file).read_text()) if (root / file).is_file() else ast.parse("")
+            functions[file] = {each.name for each in ast.walk(tree) if isinstance(each, ast.FunctionDef)}
+        if function.rpartition("::")[2] not in functions[file]:
+            gone.append(node)
+    assert gone == []
+
+
+def test_the_tests_stay_as_many_as_one_can_read() -> None:
+    """What grows takes the place of something; sentences and private names bind a test to how a thing is written."""
+    counts = inventory()
+    assert counts.lines <= 38_000
+    assert counts.sentences <= 120
+    assert counts.private <= 15
