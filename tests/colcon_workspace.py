@@ -6,7 +6,6 @@ import filecmp
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,34 +44,19 @@ def clone(folder: Path) -> Path:
     return folder
 
 
-def installed_place(package: str, path: Path) -> str | None:
-    """Return where a file of a package belongs below its installation prefix, None if it is not installed.
-
-    path: relative to the package's folder.
-    """
-    first = path.parts[0]
-    if first in PACKAGES:
-        return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/{path.as_posix()}"
-    if first == "resource":
-        return f"share/ament_index/resource_index/packages/{package}"
-    if first in NOT_INSTALLED:
-        return None
-    return path.as_posix() if first == "bin" else f"share/{package}/{path.as_posix()}"
-
-
 def differences(package: str, prefix: Path) -> list[str]:
-    """Return the package's files that are missing or different in the installation at `prefix`."""
-    found = []
-    for source in sources():
-        if package == "atpid_sim" and source.parts[0] == "scenes":  # linked to from the package
-            place = installed_place(package, source)
-        elif source.is_relative_to(PACKAGES[package]) and (ROOT / source).is_file():
-            place = installed_place(package, source.relative_to(PACKAGES[package]))
-        else:
-            continue
-        if place and not ((prefix / place).is_file() and filecmp.cmp(prefix / place, ROOT / source, shallow=False)):
-            found.append(str(source))
-    return found
+    """Return the package's files that are not installed below `prefix` with the same name and content."""
+    installed: dict[str, list[Path]] = {}
+    for path in prefix.rglob("*"):
+        installed.setdefault(path.name, []).append(path)
+    own = [source for source in sources() if source.is_relative_to(PACKAGES[package]) and (ROOT / source).is_file()]
+    kept = [source for source in own if source.relative_to(PACKAGES[package]).parts[0] not in NOT_INSTALLED]
+    kept += [source for source in sources() if package == "atpid_sim" and source.parts[0] == "scenes"]  # linked to
+    return [
+        str(source)
+        for source in kept
+        if not any(filecmp.cmp(path, ROOT / source, shallow=False) for path in installed.get(source.name, []))
+    ]
 
 
 def environment() -> dict[str, str]:

@@ -36,56 +36,32 @@ MISPLACED = """() => {
   const covering = named.filter((item) => panels.some((panel) => meet(box(item), panel)));
   return [...outside, ...covering].map((item) => item.textContent);
 }"""
-#: What the live page shows in words, and its plots.
-TEXTS = (
-    "link", "power", "mode", "reason", "excitation", "frequency", "beam", "bare", "reduction", "closed", "efficiency",
-    "height", "run", "grain", "hold", "h-now",
-)  # fmt: skip
-PLOTS = ("motion", "plot-efficiency", "plot-spectrum")
-#: Connection, its style, the buttons that may be pressed, whether the run is over, the weight of its values.
+#: What the live page shows in words.
+TEXTS = ("power", "excitation", "frequency", "beam", "bare", "reduction", "closed", "efficiency", "h-now")
+#: Connection, its style, the buttons that may be pressed, and whether the run is over.
 LOOK = """() => ({
   link: document.getElementById("link").textContent, class: document.getElementById("link").className,
   buttons: [...document.querySelectorAll("button")].filter((each) => !each.disabled).map((each) => each.textContent),
-  over: document.body.classList.contains("over"), weight: getComputedStyle(document.getElementById("beam")).fontWeight,
+  over: document.body.classList.contains("over"),
 })"""
-#: Abscissas and ordinates of each line of a plot, and the ranges of its axes.
-PLOT = """(name) => {
-  const { data, _fullLayout: axes } = document.getElementById(name);
-  return { lines: data.map((line) => [line.x, line.y]), x: axes.xaxis.range, y: axes.yaxis.range,
-           type: axes.yaxis.type };
-}"""
-#: Whether the button that stops the motor stays where it is while a long line appears beside it.
-STAYS = """() => {
-  const lost = document.getElementById("lost"), text = lost.textContent, hidden = lost.hidden;
-  const place = () => { const at = document.getElementById("stop").getBoundingClientRect(); return [at.x, at.y]; };
-  const before = place();
-  lost.hidden = false; lost.textContent = "silent ".repeat(60);
-  const after = place();
-  lost.hidden = hidden; lost.textContent = text;
-  return before[0] === after[0] && before[1] === after[1];
-}"""
 #: Presses the button without a connection, at once: another one comes after a second.
 UNSENT = "() => { live.stream.close(); document.getElementById('stop').onpointerdown(); return live.answer.words; }"
 
 
 def visited(*pages: Path) -> dict[str, list[str]]:
     """Return what is wrong with each page, `PAGE SCREEN SCHEME` -> findings; skips the test without a browser."""
-    found: dict[str, list[str]] = _seen("pages", *pages)
+    found: dict[str, list[str]] = live("pages", *pages)
     return found
 
 
-def live(kind: str, url: str) -> Any:
+def live(kind: str, *words: object) -> Any:
     """Return what is seen of the live page; skips the test without a browser."""
-    return _seen(kind, url)
-
-
-def _seen(*words: object) -> Any:
     import pytest
 
     chromium = shutil.which("chromium")
     if chromium is None or importlib.util.find_spec("playwright") is None:
         pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
-    command = [sys.executable, __file__, chromium, *map(str, words)]
+    command = [sys.executable, __file__, chromium, kind, *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
@@ -151,29 +127,17 @@ def operate(browser: Browser, url: str) -> dict[str, Any]:
     """Return what is seen of the live page while an operator uses it."""
     desktop = browser.open(url, viewport=DESKTOP)
     until(desktop, "live.pictures > 0 && live.rows.efficiency.length > 5 && live.spectrum.frequency.length")
-    phone = browser.open(url, viewport=PHONE, has_touch=True, is_mobile=True)
-    until(phone, "live.pictures > 10")
-    findings = wrong(phone)
-    seen: dict[str, Any] = {"phone_width": phone.evaluate("document.documentElement.scrollWidth")}
-    phone.close()
-    until(desktop, f"live.pictures > {desktop.evaluate('live.pictures')}")
-    desktop.keyboard.press("Tab")
-    seen["first_focus"] = desktop.evaluate("document.activeElement.id")
+    seen: dict[str, Any] = {}
     desktop.fill("#note", "seen in a browser")
     desktop.keyboard.press("Enter")
     until(desktop, "live.answer")
     seen["note"] = desktop.evaluate("live.answer.words")
     until(desktop, "document.getElementById('events').textContent.includes('seen in a browser')")
-    findings += wrong(desktop)
+    findings = wrong(desktop)
     seen["texts"] = {name: desktop.text_content(f"#{name}") for name in TEXTS}
     desktop.close()
     dark = browser.open(url, viewport=DESKTOP, color_scheme="dark")
     until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")
-    seen["stop_stays"] = []
-    for size in (PHONE, DESKTOP):
-        dark.set_viewport_size(size)
-        seen["stop_stays"].append(dark.evaluate(STAYS))
-        findings += [f"dark: {one}" for one in wrong(dark)]
     seen["running"] = dark.evaluate(LOOK)
     dark.click("#stop")
     until(dark, "live.answer?.success && live.state.motor.mode === 'disarmed'")
@@ -190,12 +154,6 @@ def still(browser: Browser, url: str) -> dict[str, Any]:
     until(page, "live.state && document.getElementById('run').textContent !== '–'")
     shown: dict[str, Any] = page.evaluate(LOOK)
     shown["texts"] = {name: page.text_content(f"#{name}") for name in TEXTS}
-    if page.evaluate("live.rows.motion.length"):
-        for name in PLOTS if page.evaluate("live.rows.efficiency.length") else PLOTS[:1]:
-            until(page, f"document.getElementById('{name}').data[0].x.length")
-        shown["plots"] = {name: page.evaluate(PLOT, name) for name in PLOTS}
-        shown["scale"] = page.text_content("#picture text")
-        shown["classes"] = {name: page.get_attribute(f"#{name}", "class") for name in ("reduction", "efficiency")}
     return shown
 
 

@@ -4,7 +4,6 @@
 
 import fnmatch
 import functools
-import importlib.util
 import pkgutil
 import re
 import shlex
@@ -26,15 +25,9 @@ NAMED = {
     "calibrate sensor READINGS.csv", "bag export --format parquet", "map ... --header",
     "select bench.yaml --method proportional",
 }  # fmt: skip
-#: Options of all programs, and of those that are not ours.
-FOREIGN_OPTIONS = {"--help", "--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
-#: Subcommands of `ros2` that are documented beside `run` and `launch`.
-ROS2 = {"bag", "daemon", "lifecycle", "param", "pkg", "security", "service", "topic"}
 #: Paths that runs make or the reader gives.
 MADE_OR_GIVEN = ("out/", "/", "KEPT/", "path/to/", "scenes/a.yaml", "scenes/NAME.yaml")
 HUNT_CROSSLEY = "atpid_sim/atpid_sim/contact/hunt_crossley.py"  # which docs/howto_contact_law.md has the reader write
-FARTHEST = 3  # links from the README to a page
-
 _PATH = re.compile(
     r"(?<![\w/$.~-])[\w*.-]+/[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json)(?![\w(])"
 )
@@ -55,7 +48,7 @@ def program_of(command: str) -> str | None:
 
 
 OURS = [piece for piece in commands() if program_of(piece.text)]
-OTHERS = [piece for piece in commands() if not program_of(piece.text)]
+OTHERS = [piece for piece in commands() if re.match(r"(sudo )?make |ros2 (launch|run) atpid", piece.text)]
 
 
 @pytest.mark.parametrize("piece", OURS, ids=lambda piece: f"{piece.page}-{piece.text[:60]}")
@@ -86,23 +79,12 @@ def test_what_another_program_is_asked_for_exists(piece: Piece) -> None:
         targets = re.findall(r"^([a-z-]+):", (ROOT / folder / "Makefile").read_text(), flags=re.MULTILINE)
         named = [second, *words] if second != "-C" else words[1:]
         assert {word for word in named if "=" not in word} <= {*targets}
-    elif piece.text.startswith("python -m "):
-        assert "PACKAGE" in words[0] or importlib.util.find_spec(words[0]) is not None
     elif piece.text.startswith("ros2 launch atpid"):
         assert (ROOT / words[0] / "launch" / words[1]).is_file()
         given = [word.lstrip("[").partition(":=")[0] for word in words[2:] if ":=" in word]
         check_names(words[1].partition(".")[0], given)
     elif piece.text.startswith("ros2 run atpid"):
         assert exists(f"{words[0]}.executables.{words[1]}")
-    else:
-        assert first == "." or second in ("", "launch", "run", *ROS2)
-
-
-def test_every_option_mentioned_belongs_to_a_command() -> None:
-    known = FOREIGN_OPTIONS.union(*(taken for program in PROGRAMS for taken in options_of(program).values()))
-    spans = [piece for piece in pieces() if piece.text.startswith("--")]
-    mentioned = {Piece(page, option) for page, text in spans for option in OPTION.findall(text)}
-    assert [piece for piece in mentioned if piece.text not in known] == []
 
 
 def test_every_file_and_module_mentioned_exists() -> None:
@@ -125,15 +107,6 @@ def test_links_lead_somewhere(page: Path) -> None:
         if not place.exists() or (anchor and anchor not in anchors(place)):
             broken.append(target)
     assert broken == []
-
-
-def test_each_page_of_the_documentation_is_a_few_links_away() -> None:
-    distance, newest = {ROOT / "README.md": 0}, [ROOT / "README.md"]
-    while newest:
-        reached = {(page.parent / link.partition("#")[0]).resolve(): page for page in newest for link in links(page)}
-        newest = [page for page in reached if page.suffix == ".md" and page.is_file() and page not in distance]
-        distance |= {page: distance[reached[page]] + 1 for page in newest}
-    assert [page.name for page in ROOT.glob("docs/*.md") if distance.get(page, FARTHEST + 1) > FARTHEST] == []
 
 
 GLOSSARY = (ROOT / "docs/glossary.md").read_text(encoding="utf-8").partition("## Terms")[0]

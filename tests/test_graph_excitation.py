@@ -6,7 +6,6 @@ import math
 import os
 import signal
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from atpid_control.runs.read import Bag, open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
 from atpid_control.stand.errors import NodeDiedError
-from studies.soak import segments
 
 F = 5.4
 
@@ -79,19 +77,6 @@ def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_s
     modes = [state.mode for state in states]
     assert modes[0] == ExcitationState.OFF == modes[-1]
     assert {ExcitationState.RAMPING, ExcitationState.RUNNING} <= set(modes)  # the way down is within a block
-    found = [message for _, message in bag.messages("/excitation/command")]
-    assert [message.kind for message in found][-1] == ExcitationCommand.OFF
-
-
-@dataclass
-class Excited:
-    """A bench in real time that an operator excites until Ctrl-C; then its motor's node is killed."""
-
-    status: int | None
-    printed: str
-    shared_memory: bool  # whether the motor's node has used any
-    bag: Bag
-    end: str
 
 
 class Killer:
@@ -101,7 +86,7 @@ class Killer:
         self.words = ["atpid", "excite", str(path), "--amplitude", "0.02", "--frequency", "5.0", "--hold"]
         self.output = folder / "printed"
         self.running = self.ended = math.inf  # times of the run [s]
-        self.killed = self.shared_memory = False
+        self.killed = False
         self.process: subprocess.Popen[bytes] | None = None
 
     def __call__(self, reached: float) -> None:
@@ -113,43 +98,29 @@ class Killer:
             self.ended = min(self.ended, reached)
             if reached > self.ended + 0.5 and not self.killed:  # once: more data may come before its end is seen
                 self.killed = True
-                motor = children(os.getpid())["motor_node"]
-                self.shared_memory = bool(segments.used_by(motor))  # which a killed node leaves behind
-                os.kill(motor, signal.SIGKILL)
+                os.kill(children(os.getpid())["motor_node"], signal.SIGKILL)
         elif "running: " in self.output.read_text():
             self.running = min(self.running, reached)
             if reached > self.running + 1.0:
                 self.process.send_signal(signal.SIGINT)
 
 
-@pytest.fixture(scope="module")
-def excited(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Excited:
-    folder = tmp_path_factory.mktemp("excited")
-    path = commanded(scenes, folder, duration=120.0, steady_window=[119.0, 120.0])  # it is ended before
-    killer = Killer(path, folder)
-    with pytest.raises(NodeDiedError) as error:
-        in_real_time(path, folder / "run", killer)
+def test_an_operator_excites_until_ctrl_c(scenes: Path, tmp_path: Path) -> None:
+    path = commanded(scenes, tmp_path, duration=120.0, steady_window=[119.0, 120.0])  # it is ended before
+    killer = Killer(path, tmp_path)
+    with pytest.raises(NodeDiedError, match=r"motor_node.*-9"):
+        in_real_time(path, tmp_path / "run", killer)
     assert killer.process is not None
-    bag, printed = open_bag(folder / "run" / "bag"), killer.output.read_text()
-    return Excited(killer.process.poll(), printed, killer.shared_memory, bag, str(error.value))
-
-
-def test_an_operator_excites_until_ctrl_c(excited: Excited) -> None:
-    assert excited.status == 0
-    assert "running: 0.02 at 5.0000 Hz" in excited.printed
-    truth = [message for _, message in excited.bag.messages("/plant/truth")]
-    amplitudes = [message.excitation_amplitude for message in truth]
+    assert killer.process.poll() == 0
+    assert "running: 0.02 at 5.0000 Hz" in killer.output.read_text()
+    bag = open_bag(tmp_path / "run" / "bag")
+    amplitudes = [message.excitation_amplitude for _, message in bag.messages("/plant/truth")]
     assert max(amplitudes) == pytest.approx(0.02, rel=0.02)
     assert amplitudes[-1] == 0.0
     # what is read from the bag has the tone that was put out in place of the scene's
-    scene = open_run(excited.bag.path).scene
+    scene = open_run(bag.path).scene
     assert scene is not None
     assert not scene.excitation.is_commanded
     assert scene.excitation.largest_amplitude == pytest.approx(0.02, rel=0.02)
     assert scene.frequency_hz == pytest.approx(5.0, rel=0.01)
-
-
-def test_a_node_that_dies_stops_the_run_with_its_name(excited: Excited) -> None:
-    assert {"motor_node", "-9:"} <= set(excited.end.split())
-    assert not excited.shared_memory
-    assert verify(excited.bag.path).by_topic["/sensors/laser"] > 0
+    assert verify(bag.path).by_topic["/sensors/laser"] > 0

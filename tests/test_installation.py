@@ -190,17 +190,12 @@ def test_the_bench_makes_its_report(removed: Path, shell: dict[str, str], record
     # by the executable of the launch files as well
     assert "--params-file" in run([removed / "install/atpid_control/bin/atpid", "stand", "--help"], ROOT, shell)
     assert json.loads((recorded / "summary.json").read_text())["stages"]
-    page = next(recorded.rglob("report.html")).read_text()
-    for name in ("page.css", "page.js"):
-        assert (ROOT / "atpid_control/atpid_control/views/report/data" / name).read_text().strip()[-60:] in page
+    assert (recorded / "report.html").is_file()
 
 
-def test_the_device_stand_ins_compile(shell: dict[str, str], tmp_path: Path) -> None:
+def test_stand_ins_firmware_and_emulator_compile(shell: dict[str, str], tmp_path: Path) -> None:
     run(["atpid", "standin"], tmp_path, {**shell, "XDG_CACHE_HOME": str(tmp_path)})
     assert {path.name for path in tmp_path.rglob("*.so")} == {"libLabJackM.so", "libnidaqmx.so"}
-
-
-def test_firmware_and_emulator_compile(shell: dict[str, str], tmp_path: Path) -> None:
     if missing := missing_tools():
         assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
         pytest.skip(f"needs {', '.join(missing)}")

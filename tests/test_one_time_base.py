@@ -1,20 +1,15 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Two devices with clocks of their own on one time base: in bags, joined channels, exports, and both stand-ins."""
+"""Two devices with clocks of their own on one time base: in bags, joined channels and exports."""
 
 import math
-import re
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-import pyuff
-from acquisition_rigs import channels
 from recorded import make
 
 from atpid_control.analysis import frequency_response, orders
@@ -23,15 +18,9 @@ from atpid_control.cli import main
 from atpid_control.recording.session import RecordingSession
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.run import Run, open_run
-from atpid_control.runs.signal import Signal, clock_of, interpolated, joined
+from atpid_control.runs.signal import clock_of, interpolated
 from atpid_control.runs.topics import DEFAULT, parse
-from atpid_driver.acquisition.labjack import LabJackAcquisition
-from atpid_driver.acquisition.nidaqmx import NiAcquisition
-from atpid_driver.acquisition.protocol import Acquisition, Block
-from atpid_driver.acquisition.reader import Reader
-from atpid_driver.acquisition.settings import LabJackSettings, NiSettings
 from atpid_driver.clock import DeviceClock, time_base_ns
-from atpid_driver.standins import Control, build
 from atpid_sim.system import Array
 
 
@@ -79,7 +68,7 @@ def recorded(
 
 
 SCENE = Path(__file__).parents[1] / "scenes/standard.yaml"
-TAU, SECONDS = 2.0 * math.pi, 12.0
+TAU = 2.0 * math.pi
 SUPPORT, BEAM, ACCELERATION = "support_displacement", "beam_displacement", "beam_acceleration"
 LASER = Device("/sensors/laser", ((SUPPORT, "m", 0.0), (BEAM, "m", 15e-6)), 1000.0, 30e-6, 3e-4)
 NI = Device("/sensors/accelerometer", ((ACCELERATION, "m/s^2", 0.0),), 1280.0, -20e-6, 5e-4, 0.3)
@@ -143,21 +132,6 @@ def test_exports_have_times_on_one_base(bag: Path, tmp_path: Path) -> None:
         time, index = table["time [s]"].to_numpy(), table["index"].to_numpy()
         true = device.start - LASER.start + index / device.rate * (1.0 + device.slow)
         assert np.ptp((time - true)[index > 20 * device.rate]) < 1e-4
-    assert main(["bag", "export", str(bag), "--format", "uff", "--out", str(tmp_path / "run.uff")]) == 0
-    sets = pyuff.UFF(str(tmp_path / "run.uff")).read_sets()
-    steps = {one["id1"].split()[0]: one["abscissa_inc"] for one in sets if one["type"] == 58}
-    assert steps[SUPPORT] == pytest.approx(1.00003e-3, rel=1.1e-5)
-    assert steps[ACCELERATION] == pytest.approx((1.0 - 20e-6) / 1280.0, rel=1.1e-5)
-
-
-def test_the_command_takes_channels_of_two_devices(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["bag", "analyse", str(bag), "--output", ACCELERATION, "--out", str(tmp_path), "--integrate", "4"]
-    assert main(words) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert re.search(r"delay\b.*\bphase", shown)
-    assert re.search("beam_acceleration: .* 4 Hz, .* 8 Hz .*drift", shown)
 
 
 def test_stamps_that_no_crystal_explains_are_left_out_of_account() -> None:
@@ -183,56 +157,3 @@ def test_interpolation_is_band_limited_and_keeps_gaps(ratio: float) -> None:
     missing = np.isnan(found)
     assert missing[(places > 5000) & (places < 5002)].all()
     assert not missing[np.abs(places - 5001) > 40.0 * ratio].any()
-
-
-def _blocks(device: Acquisition) -> tuple[list[Block], float]:
-    ready, taken = threading.Event(), list[Block]()
-    reader = Reader(device, device.open(), ready.set, lambda _fault, _text: None)
-    reader.start()
-    while not taken or taken[-1].next_index < SECONDS * (reader.rate or 1e9):
-        assert ready.wait(100.0)
-        ready.clear()
-        taken += reader.take()
-    reader.stop()
-    device.close()
-    assert reader.rate is not None
-    return taken, reader.rate
-
-
-def test_two_stand_ins_whose_clocks_differ_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By their own clocks they would be 2.4 ms apart after 12 s, 43 degrees at 50 Hz."""
-    for name, slow in (("LJM", 100e-6), ("DAQMX", -100e-6)):
-        control = Control(tmp_path / name)
-        control.slow(slow)
-        control.close()
-        monkeypatch.setenv(f"ATPID_{name}_CONTROL", str(tmp_path / name))
-        monkeypatch.setenv(f"ATPID_{name}_SOURCE", "sine:frequency=50,common=1")
-    libraries, shared = build(), {"rate": 1000.0, "scans_per_block": 50}
-    ljm, daqmx = (str(libraries / name) for name in ("libLabJackM.so", "libnidaqmx.so"))
-    devices: list[Acquisition] = [
-        LabJackAcquisition(LabJackSettings(channels=channels(0, "AIN", count=1), library=ljm, **shared)),
-        NiAcquisition(NiSettings(channels=channels(0, "ai", count=1), library=daqmx, **shared)),
-    ]
-    with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(_blocks, devices))
-    origin = found[0][0][0].stamp_ns
-    signals = []
-    for place, (blocks, rate) in enumerate(found):
-        index = np.concatenate([block.first_index + np.arange(len(block.volts)) for block in blocks])
-        stamp = np.concatenate([block.stamp_ns + np.rint(np.arange(len(block.volts)) / rate * 1e9).astype(np.int64)
-                                for block in blocks])  # fmt: skip
-        clock = clock_of(index, stamp, rate)
-        assert 1e6 * clock.drift == pytest.approx((100.0, -100.0)[place], abs=80.0)
-        volts = np.concatenate([block.volts[:, 0] for block in blocks])
-        begin = (int(stamp[0]) - origin) * 1e-9 + clock.late
-        name = str(place)
-        signals.append(Signal(name, begin, int(stamp[0]), clock.rate, volts, "V", name, name, clock=clock))
-    one, other = joined(signals)
-    turns = np.exp(-1j * TAU * 50.0 * one.time)
-    phases = []
-    for second in range(1, round(SECONDS) - 1):
-        part = slice(second * 1000, (second + 1) * 1000)
-        sums = [np.nansum((signal.values[part] - 3.0) * turns[part]) for signal in (one, other)]
-        phases.append(np.degrees(np.angle(sums[1] / sums[0])))
-    assert np.ptp(phases) < 20.0, "1.1 ms, on a loaded machine"
-    assert abs(np.median(phases)) < 15.0

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The operator's stop and arming: supervisor, motor node and real firmware; what is answered is what the board does."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from typing import Any
 
 import pytest
 from atpid_interfaces.msg import CeilingState, SupervisorState
+from motor_rigs import need_emulator
 from rclpy.client import Client
 from rclpy.task import Future
 from spun import Spun
@@ -24,7 +24,7 @@ from atpid_common.nodes.messages import STATES
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.stand.domain import own_domain
 from atpid_control.views.live.requests import read_request
-from atpid_driver.emulator import Emulator, missing_tools
+from atpid_driver.emulator import Emulator
 
 #: Parts of what is answered: what the operator has to do then, the button on the page, and the board's fault.
 STOP_WORDS, BUTTON, FAULT = "use the emergency stop", "Arm again", "emergency stop pressed"
@@ -130,9 +130,7 @@ class Stand:
 
 @pytest.fixture(scope="module")
 def started_stand(desk: Desk, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
-    if missing_tools():
-        assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
-        pytest.skip(f"left out: the real firmware on the emulated board; missing {' '.join(missing_tools())}")
+    need_emulator()
     with ExitStack() as stack:
         yield Stand(stack, tmp_path_factory.mktemp("stand"), desk)
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests and their maintainers use: the list of what CI leaves out, fresh examples, benchmark, stubs."""
 
-import ast
 import os
 import re
 import subprocess
@@ -10,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from atpid_interfaces import action, msg, srv
 from benchmark import parts
 from left_out import ALLOWED
 from message_stubs import STUBS, stubs
@@ -27,7 +25,6 @@ def run(*words: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     ("reason", "ci", "workers", "status"),
     [
         ("the moon is full", "true", "1", 1),
-        ("the moon is full", "", "0", 0),
         (next(iter(ALLOWED)), "true", "0", 0),
     ],
 )
@@ -56,21 +53,6 @@ def test_each_part_of_the_benchmark_has_a_ratio(tmp_path: Path) -> None:
     assert all(part.real > 0.0 and part.processor > 0.0 for part in measured)
 
 
-def same_fields(stub: ast.Module | ast.ClassDef, owner: object) -> int:
-    """Compare the classes of a stub with rosidl's; return how many have fields."""
-    count = 0
-    for node in (node for node in stub.body if isinstance(node, ast.ClassDef)):
-        made = getattr(owner, node.name)
-        for each in node.body:
-            if isinstance(each, ast.FunctionDef) and each.name == "__init__":
-                assert [one.arg for one in each.args.kwonlyargs] == list(made.get_fields_and_field_types())
-                count += 1
-        count += same_fields(node, made)
-    return count
-
-
 def test_the_stubs_of_the_messages_are_those_of_the_definitions() -> None:
     made = stubs()
     assert {name: (STUBS / name).read_text() for name in made} == made, "anew: python tests/message_stubs.py"
-    for kind, module in (("msg", msg), ("srv", srv), ("action", action)):
-        assert same_fields(ast.parse(made[f"{kind}.pyi"]), module) >= 1

@@ -235,7 +235,8 @@ def test_a_level_that_is_passed_stops_and_is_armed_again_only_below_it(start: St
     run.ready()
     run.until(lambda: run.stopped("beam_displacement"), lambda: run.displacement(-0.2))
     refused = run.call("supervisor_node/rearm")
-    assert (refused.success, refused.message.split(":")[1].strip()) == (False, "beam_displacement")
+    assert not refused.success
+    assert "beam_displacement" in refused.message
     assert run.stopped("beam_displacement")
     run.until(lambda: run.latest.get("beam_displacement") == "0.05", lambda: run.displacement(0.05))
     assert run.call("supervisor_node/rearm").success

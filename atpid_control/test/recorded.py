@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import tracemalloc
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ KINDS = {
 }  # fmt: skip
 STEADY, MOVING, HOLDING = 1, 4, 3
 _STORE = get_typestore(Stores.EMPTY)
+Capture = pytest.CaptureFixture[str]
 
 SHORT = """
 beam:       {mass: 0.3258, stiffness: 427.6, damping: 0.56}
@@ -194,7 +196,7 @@ def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, flo
     return folder
 
 
-def refused(capsys: pytest.CaptureFixture[str], arguments: Iterable[object], *parts: str) -> str:
+def refused(capsys: Capture, arguments: Iterable[object], *parts: str) -> str:
     """Check that `atpid` refuses its arguments in one line that holds these parts; return the line."""
     capsys.readouterr()
     assert main([str(argument) for argument in arguments]) == 2
@@ -209,3 +211,13 @@ def in_one_line(error: BaseException, *parts: str) -> None:
     """Check that an error is one line with these parts."""
     assert "\n" not in str(error)
     assert [part for part in parts if part not in str(error)] == [], str(error)
+
+
+def peak_of(act: Callable[[], object]) -> int:
+    """Return how much memory was taken at most [bytes]."""
+    tracemalloc.start()
+    try:
+        act()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()

@@ -4,13 +4,11 @@
 
 import argparse
 import datetime
-import errno
 import json
 import math
 import os
 import pty
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -33,7 +31,7 @@ from atpid_control.stand.doctor import devices
 from atpid_control.stand.doctor.checks import CHECKS, block, verdict_of
 from atpid_control.stand.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_driver.calibration.model import Calibration, save
-from atpid_driver.emulator import PACKAGES, Emulator, build_firmware, missing_tools
+from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.control import SERIAL
 from atpid_driver.standins.outputs import Outputs
@@ -159,7 +157,6 @@ def test_a_right_stand_is_right(stand: Stand) -> None:
     assert problems(left) == []
     assert not any(row.verdict is WRONG for row in rows)
     assert {row.check for row in rows if row.verdict is Verdict.NOT_CHECKED} == {"NI", "exciter"}
-    assert len(block(left).splitlines()) == len(left) + 2
     assert str(Path.home()) not in block(rows)
 
 
@@ -183,21 +180,6 @@ def test_a_wrong_board_is_named(stand: Stand, name: str) -> None:
         change(emulator, stand)
         found = stand.problems("board")
     assert [text for verdict, text in found if verdict is WRONG and re.search(expected, text)], found
-
-
-def test_another_firmware_is_named(stand: Stand) -> None:
-    source = stand.folder / "share/atpid_driver/firmware"
-    shutil.copytree(ROOT / "atpid_driver/firmware", source, ignore=shutil.ignore_patterns("build"))
-    config = source / "config.h"
-    config.write_text(config.read_text().replace('FIRMWARE_VERSION "1.', 'FIRMWARE_VERSION "3.'))
-    if missing_tools():
-        firmware = build_firmware()  # left out by `board`
-    else:
-        subprocess.run(["make", "-s", "-C", str(source)], check=True, capture_output=True)
-        firmware = source / "build/atpid_motor.elf"
-    with board(stand.folder, firmware=firmware):
-        found = stand.problems("board")
-    assert [text for _, text in found if re.search(r" 3\..* 1\.x", text)], found
 
 
 @pytest.fixture
@@ -283,9 +265,7 @@ CASES = {
     # environment variables
     "middleware": Case("middleware", variable("RMW_IMPLEMENTATION", "rmw_none_cpp"), WRONG, "rmw_none_cpp"),
     "no domain": Case("middleware", variable("ROS_DOMAIN_ID", "999"), WRONG, "'999'.* 0 .* 232"),
-    "high domain": Case("middleware", variable("ROS_DOMAIN_ID", "150"), DEGRADED, "domain 150"),
     "wide": Case("middleware", variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"), DEGRADED, "SUBNET.*every"),
-    "no range": Case("middleware", variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCAL"), WRONG, "LOCAL$"),
     "profile": Case("middleware", variable("FASTRTPS_DEFAULT_PROFILES_FILE", "/none.xml"), WRONG, "/none.xml"),
     "distribution": Case("middleware", variable("ROS_DISTRO", "humble"), WRONG, "humble"),
     "security": Case("middleware", variable("ROS_SECURITY_ENABLE", "true"), WRONG, "keys not"),
@@ -295,7 +275,6 @@ CASES = {
     "no library": Case("LabJack", value("labjack_node", library="/none.so"), WRONG, "libLabJackM.so"),
     "a broken library": Case("LabJack", value("labjack_node", library=__file__), WRONG, "ELF"),
     "another T7": Case("LabJack", value("labjack_node", serial=7), WRONG, rf"{SERIAL}\b.* 7\b"),
-    "any T7": Case("LabJack", value("labjack_node", serial=0), DEGRADED, "serial 0"),
     "wiring": Case("LabJack", value("labjack_node", terminals=["AIN0"]), WRONG, "2 channels, 1 terminals"),
     "order": Case("calibrations", value("labjack_node", channels=ORDER), WRONG, f"{ORDER[0]} .* {ORDER[1]}"),
     "no calibration": Case("calibrations", value("labjack_node", calibrations=["no.yaml"] * 2), WRONG, "no.yaml"),
@@ -306,23 +285,19 @@ CASES = {
     "a range": Case("parameters", value("identifier_node", window_periods=99.0), WRONG, " 99;.* 1 .* 20"),
     "travel": Case("travel", value("motor_node", highest=0.5), WRONG, "0.5"),
     "no port": Case("board", value("motor_node", port="/none"), WRONG, "/none .*no serial ports"),
-    "a file": Case("board", value("motor_node", port=__file__), WRONG, f"{__file__} .*no serial port"),
     # calibrations
     "old": Case("calibrations", sensor(date=TODAY - datetime.timedelta(days=500)), DEGRADED, "500 days"),
     "to come": Case("calibrations", sensor(date=TODAY + datetime.timedelta(days=9)), WRONG, "future"),
     "unit": Case("calibrations", sensor(unit="mm"), WRONG, "needed: m$"),
     "nominal": Case("calibrations", sensor(source="nominal, data sheet"), DEGRADED, "nominal"),
-    "few readings": Case("calibrations", sensor(readings=3), DEGRADED, "3 readings;.* few"),
     "scatter": Case("calibrations", sensor(residual_std=0.1), DEGRADED, "bad readings"),
     "reach": Case("ranges", sensor(coefficients=(-0.225, 0.075)), DEGRADED, r"±0\.15 .*±0\.667"),
     # the exciter's parameters
-    "no file": Case("exciter", exciter(calibration="none.yaml"), WRONG, "none.yaml"),
     "none given": Case("exciter", exciter(calibration=""), WRONG, "calibration is empty"),
     "the sensors'": Case("exciter", exciter(calibration="beam_displacement.yaml"), WRONG, "beam_.*labjack_dac"),
     "limits": Case("exciter", exciter(lowest_frequency=90.0), WRONG, "0 < lowest < highest"),
-    "no library of it": Case("exciter", exciter(library="/none.so"), WRONG, "libLabJackM.so"),
-    "another T7 of it": Case("exciter", exciter(serial=7), WRONG, r" 7\b"),
     # the rest
+    "scene": Case("scene", lambda stand: vars(stand.options).update(scene=ROOT / "README.md"), WRONG, "README.md"),
     "map": Case("scene", lambda stand: vars(stand.options).update(map=ROOT / "README.md"), WRONG, "README.md"),
     "a full disk": Case("disk", lambda stand: vars(stand.options).update(hours=1e5), WRONG, ""),
     "no disk": Case("disk", lambda stand: vars(stand.options).update(bag=Path("/proc/none/bag")), WRONG, "written"),
@@ -374,68 +349,10 @@ def test_an_exciter_is_opened_and_closed_with_its_output_off_unless_it_runs(stan
     assert all(name in text for name in ("'highest_amplitude'", "'lowest_frequency'", "'highest_frequency'"))
 
 
-def test_a_wrong_scene_is_named_once(stand: Stand) -> None:
-    stand.options.scene = stand.folder / "scene.yaml"
-    stand.options.scene.write_text(SCENE.read_text().replace("stiffness", "stifness"))
-    ((verdict, text),) = stand.problems("scene", "travel", "ranges")
-    assert (verdict, "stiffness?" in text) == (WRONG, True)
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="takes the rights of root away")
-def test_a_user_without_rights_and_a_full_disk(tmp_path: Path) -> None:
-    rights = ["setpriv", "--inh-caps", "-all", "--bounding-set", "-sys_nice"]
-    limits = ["prlimit", "--fsize=1000000", "--memlock=1000000"]
-    levels, bag = tmp_path / "levels.yaml", tmp_path / "bag"
-    levels.write_text("/**/supervisor_node: {ros__parameters: {lock_memory: true}}")
-    words = ["doctor", "--bag", str(bag), "--params-file", str(levels), "--json"]
-    code = f"import sys; from atpid_control.cli import main; sys.exit(main({words!r}))"
-    command = [*rights, *limits, sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode == 2  # no board here
-    found: dict[str, str] = {}
-    for one in json.loads(done.stdout)["checks"]:
-        if one["mend"]:
-            found[one["check"]] = f"{found.get(one['check'], '')} {one['found']}"
-    assert re.search("10 .*memory.* 1 MB", found["real time"])
-    assert re.search(f"{bag} .*{os.strerror(errno.EFBIG)}", found["disk"])
-
-
-@pytest.fixture
-def workspace(stand: Stand) -> Path:
-    """A copy of what is checked of the workspace that is sourced."""
-    real, folder = ROOT / "ros2_ws", stand.folder / "repository/ros2_ws"
-    package = folder / "install/atpid_control"
-    copied = (
-        "ros2_ws/machine.py", "ros2_ws/requirements/wheels.txt", "ros2_ws/requirements/sourced.txt",
-        "ros2_ws/install/stamp", "atpid_sim/package.xml", "atpid_sim/setup.py",
-    )  # fmt: skip
-    for name in copied:
-        (folder.parent / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(real.parent / name, folder.parent / name)
-    for name in ("share/ament_index/resource_index/packages/atpid_control", "lib/atpid_control/identifier_node"):
-        (package / name).parent.mkdir(parents=True)
-        (package / name).touch()
-    stand.environment["AMENT_PREFIX_PATH"] = f"{package}:{stand.environment['AMENT_PREFIX_PATH']}"
-    return folder
-
-
-def test_a_workspace_that_is_older_or_another_one_is_named(stand: Stand, workspace: Path) -> None:
-    setup = workspace.parent / "atpid_sim/setup.py"
-    setup.write_text(setup.read_text() + "# changed\n")
-    (_, older), (_, other) = stand.problems("workspace")
-    assert older.endswith(": atpid_sim")
-    assert "folder" in other
-
-
-def test_a_package_that_is_missing_or_of_another_version_than_the_lock_s_is_named(
-    stand: Stand, workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for lock in (workspace / "requirements").glob("*.txt"):
-        lock.write_text(lock.read_text().replace("\nrich==", "\nrich==99."))
+def test_a_package_that_is_missing_is_named(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap", None)
-    (wrong, missing), (degraded, other) = stand.problems("packages")
-    assert (wrong, missing.startswith("mcap: ModuleNotFoundError")) == (WRONG, True)
-    assert (degraded, re.search(r"rich \d.* 99\.", other) is not None) == (DEGRADED, True)
+    found = stand.problems("packages")
+    assert [verdict for verdict, text in found if text.startswith("mcap: ModuleNotFoundError")] == [WRONG]
 
 
 def test_a_wall_clock_that_was_set_or_is_wrong_is_named(stand: Stand) -> None:

@@ -352,6 +352,7 @@ def test_one_per_cent_a_second_is_followed_at_any_noise_without_a_step(rate: flo
     if (rate, decibels) == (0.01, 60.0):  # error bars hold for the frequency and its phase
         assert np.mean([one.drift for one in late]) == pytest.approx(0.0095, abs=0.0005)  # a tenth less at the end
         assert 0.6 < np.std((frequency - true[at]) / [one.frequency_std for one in late]) < 1.4
+        assert 0.4 < np.std((amplitude - AMPLITUDE) / [one.amplitude_std for one in late]) < 1.6
         spread = np.array([np.hypot(one.amplitude_std, AMPLITUDE * one.phase_std) for one in late])
         assert (np.abs(amplitude * np.sin([one.phase for one in late]) - signal[at]) < 5.0 * spread).all()
 

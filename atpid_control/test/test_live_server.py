@@ -4,13 +4,11 @@
 
 import asyncio
 import json
-import os
-import resource
 import socket
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from http.client import HTTPConnection
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 from test_live_view import block, event, tone
@@ -20,10 +18,9 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from atpid_control.views.live import server as server_module
 from atpid_control.views.live.address import TOKEN, Address, LiveError, address_of, listening, prepared
 from atpid_control.views.live.requests import Request
-from atpid_control.views.live.server import DROPPED, FILES, MOST, MOST_CONNECTIONS, MOST_OPEN, Answer, LiveServer
+from atpid_control.views.live.server import FILES, MOST, MOST_CONNECTIONS, MOST_OPEN, Answer, LiveServer
 from atpid_control.views.live.view import LiveView
 
-T = TypeVar("T")
 SECRET = "a-token-of-the-test"
 COOKIE = {"Cookie": f"atpid_live={SECRET}"}
 OLD_COOKIE = {"Cookie": "atpid_live=that-of-the-run-before"}
@@ -65,8 +62,8 @@ def guarded(operator: Operator) -> Iterator[LiveServer]:
     yield from served(operator, SECRET)
 
 
-def run(work: Coroutine[Any, Any, T]) -> T:
-    return asyncio.run(asyncio.wait_for(work, 200.0))
+def run(work: Coroutine[Any, Any, object]) -> None:
+    asyncio.run(asyncio.wait_for(work, 200.0))
 
 
 async def connected(server: LiveServer, **headers: str) -> WebSocketClientConnection:
@@ -271,18 +268,6 @@ def test_tabs_that_read_nothing_give_way_to_one_that_does_and_its_stop_is_served
     run(look())
 
 
-def test_of_tabs_that_all_read_the_first_learns_that_another_has_its_place(server: LiveServer) -> None:
-    async def look() -> None:
-        first, *others = [await tab(server) for _ in range(MOST + 1)]
-        await leave(first)
-        assert first.close_code == DROPPED
-        for stream in others:
-            await until(stream, "news")
-        await leave(*others)
-
-    run(look())
-
-
 def test_hundreds_of_idle_connections_block_no_operator_and_end_by_themselves(guarded: LiveServer) -> None:
     """Without a token: each that is one too many ends the oldest of its kind, none that has the page."""
     with ExitStack() as stack:
@@ -291,32 +276,6 @@ def test_hundreds_of_idle_connections_block_no_operator_and_end_by_themselves(gu
         assert len(guarded.connections) <= MOST_CONNECTIONS
         for each in (idle[0], idle[-1]):  # the one for another, the other after a while without a request
             assert each.recv(1) == b""
-
-
-def test_where_files_run_out_the_log_has_one_line_and_the_page_is_served_again(
-    server: LiveServer, capfd: pytest.CaptureFixture[str]
-) -> None:
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with ExitStack() as stack:
-        waiting = [stack.enter_context(socket.socket()) for _ in range(8)]
-        highest = max(one.fileno() for one in waiting)
-        try:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1, limits[1]))
-            taken = []
-            with suppress(OSError):  # every file that is left
-                while True:
-                    taken.append(stack.enter_context(open(os.devnull)))
-            for each in waiting:
-                each.connect(("127.0.0.1", server.address.port))
-            said = ""
-            while "\n" not in said:
-                said += capfd.readouterr().err
-        finally:
-            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-    assert get(server, "/")[0] == 200
-    said += capfd.readouterr().err
-    assert said.count("\n") == 1
-    assert said.endswith(f"{os.strerror(24)}\n")
 
 
 def test_a_port_that_is_taken_is_one_line_and_free_once_the_server_has_closed(server: LiveServer) -> None:

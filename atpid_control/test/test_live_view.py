@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from atpid_control.views.live.address import LiveError
 from atpid_control.views.live.efficiency import shares_of
 from atpid_control.views.live.requests import HoldRequest, Note, read_request
-from atpid_control.views.live.rows import Rows
 from atpid_control.views.live.signals import LINES, RATE, WINDOW, LastSamples, highest, spectrum, thinned
 from atpid_control.views.live.view import LiveView
 from atpid_sim.modal import bare_amplitude
@@ -38,27 +37,23 @@ def block(first: int, values: np.ndarray[Any, Any], rate: float = 1000.0) -> Any
     return SimpleNamespace(header=header(100.0 + first / rate), first_index=first, rate=rate, channels=names, data=data)
 
 
-def event(text: str, kind: str = "rumble", at: float = 101.0) -> Any:
-    return SimpleNamespace(header=header(at), node="identifier_node", kind=kind, severity=1, text=text)
+def event(text: str, kind: str = "rumble") -> Any:
+    return SimpleNamespace(header=header(101.0), node="identifier_node", kind=kind, severity=1, text=text)
 
 
-def excitation(at: float, quality: int = 1, amplitude: float = 0.01) -> Any:
-    return SimpleNamespace(
-        header=header(at), quality=quality, origin=0, amplitude=amplitude, amplitude_std=1e-5, frequency=5.47,
-        frequency_std=1e-3, beam_amplitude=0.05,
-    )  # fmt: skip
+def excitation(at: float) -> Any:
+    values = {"amplitude": 0.01, "amplitude_std": 1e-5, "frequency": 5.47, "frequency_std": 1e-3}
+    return SimpleNamespace(header=header(at), quality=1, origin=0, beam_amplitude=0.05, **values)
 
 
 def motor(mode: int = 3) -> Any:
-    return SimpleNamespace(
-        header=header(100.5), mode=mode, homed=True, fault="", height=0.3, target=math.nan, speed=0.3
-    )  # fmt: skip
+    heights = {"height": 0.3, "target": math.nan, "speed": 0.3}
+    return SimpleNamespace(header=header(100.5), mode=mode, homed=True, fault="", **heights)
 
 
 def supervisor(**silence: float) -> Any:
-    return SimpleNamespace(
-        header=header(100.0), state=1, permit=True, reason="", nodes=list(silence), silence=list(silence.values())
-    )  # fmt: skip
+    nodes = {"nodes": list(silence), "silence": list(silence.values())}
+    return SimpleNamespace(header=header(100.0), state=1, permit=True, reason="", **nodes)
 
 
 def tone(count: int, first: int = 0) -> np.ndarray[Any, Any]:
@@ -84,15 +79,6 @@ def test_thinned_blocks_keep_their_extremes_and_are_scans_at_their_own_times(
     assert len(rows) <= length if rate <= RATE else len(rows) <= min(length, RATE * length / rate + 8)
 
 
-def test_what_is_not_a_number_is_left_out_of_an_interval_that_has_more() -> None:
-    values = np.full((128, 1), np.nan)
-    values[3:60:2] = 1.0
-    _, rows = thinned(0, 64.0 * RATE, values)  # one interval; it has some
-    assert np.array_equal(rows, [[1.0]])
-    values[:] = np.nan
-    assert np.isnan(thinned(0, 64.0 * RATE, values)[1]).all()  # a gap is drawn
-
-
 @pytest.mark.parametrize("frequency", [2.0, 5.473, 31.7, 94.0])
 @pytest.mark.parametrize("rate", [400.0, 1000.0, 12800.0])
 def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float, rate: float) -> None:
@@ -104,14 +90,6 @@ def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float
     top = int(np.argmax(found[1]))
     assert found[1][top] == pytest.approx(0.04, rel=0.02)
     assert found[0][top] == pytest.approx(frequency, abs=max(0.07, end / LINES))
-
-
-@pytest.mark.parametrize(
-    ("frequency", "rate", "end"),
-    [(5.47, 1e3, 50.0), (29.4, 1e3, 500.0), (94.0, 12.8e3, 1e3), (94.0, 1e3, 500.0), (math.nan, 400.0, 200.0)],
-)
-def test_the_spectrum_ends_at_eight_harmonics_or_at_half_the_rate(frequency: float, rate: float, end: float) -> None:
-    assert highest(frequency, rate) == end
 
 
 def test_a_harmonic_of_a_thousandth_is_in_the_spectrum_of_blocks_one_of_which_was_lost() -> None:
@@ -168,16 +146,9 @@ def test_efficiency_and_reduction_are_those_of_the_simulation() -> None:
     assert shares_of(None) == {}
 
 
-def test_rows_are_bounded_and_new_ones_are_taken_once() -> None:
-    rows = Rows(3, 0.1)
-    assert [rows.add(0.06 * k, math.nan) for k in range(8)] == [True, False, True, False, True, False, True, False]
-    assert [row[0] for row in rows.all()] == [0.12, 0.24, 0.36]
-    assert rows.take() == [(0.12, None), (0.24, None), (0.36, None)]
-    assert rows.take() == []
-
-
 def test_the_page_shows_what_came_and_only_what_is_new() -> None:
-    view = LiveView(load_scene(SCENES / "standard.yaml"))
+    scene = load_scene(SCENES / "standard.yaml")
+    view = LiveView(scene)
     for k in range(100):
         view.on_block(block(50 * k, tone(50, 50 * k)), 0.05 * k)
     view.on_excitation(excitation(104.0), 5.0)
@@ -190,7 +161,6 @@ def test_the_page_shows_what_came_and_only_what_is_new() -> None:
     assert motion[:, 1] == pytest.approx(0.01 * np.sin(2 * np.pi * 5.5 * motion[:, 0]), abs=1e-9)
     assert [shown["text"] for shown in first["events"]] == ["rumble"]
     assert first["rows"]["excitation"] == [(4.0, 0.01, 1e-5)]
-    scene = load_scene(SCENES / "standard.yaml")
     for name, mass in (("efficiency", scene.total_mass), ("reduction", scene.beam.mass)):
         reference = bare_amplitude(mass, scene.beam.stiffness, scene.beam.damping, 0.01, 5.47)
         share = 1.0 - 0.05 / reference

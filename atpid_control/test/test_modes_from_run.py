@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
-from recorded import refused
+from recorded import Capture, refused
 from scipy.signal import StateSpace, lsim
 
 from atpid_control.analysis.modes.from_run import fit_modes, structure_of
@@ -129,6 +129,9 @@ def test_a_mode_that_the_record_does_not_determine_is_named() -> None:
     structure = drawn(random, False)
     with pytest.raises(ModesError, match=r"4; .* 49\.\d+ Hz; .*fewer"):
         fit_modes(recorded(random, structure, "random", "m", seconds=20.0), 4, force=False)
+    structure = Drawn(np.array([5.0]), np.array([0.02]), np.array([0.3]), np.ones(1))
+    with pytest.raises(ModesError, match="fewer"):
+        fit_modes(recorded(np.random.default_rng(3), structure, "random", "N"), 3, force=True)
 
 
 def test_the_grain_that_the_closed_damper_held_is_taken_away() -> None:
@@ -143,43 +146,25 @@ def test_the_grain_that_the_closed_damper_held_is_taken_away() -> None:
         structure_of(fit, None, 5.0, True)
 
 
-def run_of_command(folder: Path, force: bool) -> tuple[Drawn, list[str]]:
-    """Write a random run of a random structure; return the structure, and the command that fits its modes."""
-    random = np.random.default_rng(1)
-    structure = drawn(random, force)
-    signals = recorded(random, structure, "random", "N" if force else "m", seconds=10.0)
-    name = "drive_force" if force else "support_displacement"
-    table = np.column_stack([signals.time, signals.excitation, signals.response])
-    header = f"time,{name},beam_displacement"
-    np.savetxt(folder / "run.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
-    return structure, ["modes", "fit", str(folder / "run.csv"), "--modes", str(len(structure.mass))]
-
-
-def test_the_command_writes_the_blocks_of_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    structure, given = run_of_command(tmp_path, True)
-    assert main([*given, "--out", str(tmp_path / "beam.yaml")]) == 0
-    assert "mode 1: ± " in capsys.readouterr().out
-    blocks = yaml.safe_load((tmp_path / "beam.yaml").read_text())
-    assert blocks["drive"] == "force"
-    modes = [blocks["beam"], *blocks["further_modes"]]
-    assert [mode["mass"] for mode in modes] == pytest.approx(structure.mass, rel=0.02)
-    assert [mode["drive_factor"] for mode in modes[1:]] == [1.0] * (len(modes) - 1)
-    refused(capsys, [*given, "--masses", "1.0"], "--masses: given 1; allowed: 2")
-
-
-def test_a_moving_support_shows_no_masses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    structure, given = run_of_command(tmp_path, False)
+def test_the_command_and_a_moving_support_which_shows_no_masses(tmp_path: Path, capsys: Capture) -> None:
+    random, out = np.random.default_rng(1), tmp_path / "beam.yaml"
+    for force, name in ((True, "drive_force"), (False, "support_displacement")):
+        structure = drawn(random, force)
+        signals = recorded(random, structure, "random", "N" if force else "m", seconds=10.0)
+        table = np.column_stack([signals.time, signals.excitation, signals.response])
+        header = f"time,{name},beam_displacement"
+        np.savetxt(tmp_path / f"{name}.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
+        given = ["modes", "fit", str(tmp_path / f"{name}.csv"), "--modes", str(len(structure.mass))]
+        masses = [] if force else ["--masses", *map(str, structure.mass)]
+        assert main([*given, *masses, "--out", str(out)]) == 0
+        blocks = yaml.safe_load(out.read_text())
+        modes = [blocks["beam"], *blocks["further_modes"]]
+        assert blocks.get("drive") == ("force" if force else None)
+        assert [mode["mass"] for mode in modes] == pytest.approx(structure.mass, rel=0.02)
+        assert [mode["drive_factor"] for mode in modes[1:]] == pytest.approx(structure.factor[1:], rel=0.02)
+        out.unlink()
+    refused(capsys, [*given, "--masses", "1.0"], f"--masses: given 1; allowed: {len(structure.mass)}")
+    refused(capsys, [*given, "--out", out], "--scene, --out: ", "masses")
     assert main([*given, "--json"]) == 0
     modes = json.loads(capsys.readouterr().out)["modes"]
     assert [mode["drive_factor"] for mode in modes] == pytest.approx(structure.factor, rel=0.02)
-    refused(capsys, [*given, "--out", tmp_path / "beam.yaml"], "--scene, --out: ", "masses")
-    assert main([*given, "--masses", *map(str, structure.mass), "--out", str(tmp_path / "beam.yaml")]) == 0
-    beam = yaml.safe_load((tmp_path / "beam.yaml").read_text())["beam"]
-    assert beam["frequency"] == pytest.approx(structure.frequency[0], rel=1e-4)
-
-
-def test_more_modes_than_a_record_shows_are_refused() -> None:
-    random = np.random.default_rng(3)
-    structure = Drawn(np.array([5.0]), np.array([0.02]), np.array([0.3]), np.ones(1))
-    with pytest.raises(ModesError, match="fewer"):
-        fit_modes(recorded(random, structure, "random", "N"), 3, force=True)

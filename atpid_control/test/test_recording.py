@@ -6,7 +6,6 @@ import errno
 import os
 import subprocess
 import sys
-import tracemalloc
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -18,10 +17,8 @@ import yaml
 from bag_files import BAG
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from recorded import EVENTS, LASER, begin_bag, block, in_one_line, make, record, refused, short, write_bag
+from recorded import LASER, Capture, begin_bag, block, in_one_line, make, record, refused, short, write_bag
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import ConnectionExtRosbag2
-from rosbags.rosbag2 import Reader
 
 from atpid_control.cli import main
 from atpid_control.recording.order import StampOrder
@@ -80,9 +77,7 @@ def test_metadata_yaml_holds_all_that_rosbag2_asks_for(bag: Path) -> None:
     assert counts["message_count"] == sum(entry["message_count"] for entry in topics)
     for entry in topics:
         topic = entry["topic_metadata"]
-        assert set(topic) == {"name", "type", "serialization_format", "offered_qos_profiles", "type_description_hash"}
-        assert topic["serialization_format"] == "cdr"
-        assert topic["type_description_hash"].startswith("RIHS01_")
+        assert (topic["serialization_format"], topic["type_description_hash"][:7]) == ("cdr", "RIHS01_")
         (profile,) = topic["offered_qos_profiles"]
         assert profile["deadline"] == profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
         assert (profile["reliability"], profile["history"]) == ("reliable", "keep_last")
@@ -119,16 +114,6 @@ def test_in_lockstep_log_times_are_stamps_in_order(bag: Path) -> None:
         assert sequences == list(range(len(sequences)))
 
 
-def test_another_implementation_reads_it(bag: Path) -> None:
-    with Reader(bag) as reader:
-        assert reader.message_count == verify(bag).messages == sum(1 for _ in reader.messages())
-        for connection in reader.connections:
-            assert isinstance(connection.ext, ConnectionExtRosbag2)
-            (offered,) = connection.ext.offered_qos_profiles
-            assert offered.depth == Qos().depth
-            assert connection.digest == message_type(connection.msgtype).hash
-
-
 def test_public_readers_open_the_bag_without_the_workspace() -> None:
     """By the definitions inside it: mcap with mcap-ros2-support, which only this test needs, and rosbags."""
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is missing: make test-packages")
@@ -144,9 +129,7 @@ def test_public_readers_open_the_bag_without_the_workspace() -> None:
 
 
 def test_definition_names_every_type_inside() -> None:
-    text = message_type(BLOCK).definition
-    assert text.count("=" * 80) == 2
-    assert {"MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"} <= set(text.splitlines())
+    assert {"MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"} <= set(message_type(BLOCK).definition.splitlines())
     assert message_type("atpid_interfaces/msg/Event").has_header  # its constants come before its header
     assert not message_type("rosgraph_msgs/msg/Clock").has_header
 
@@ -309,21 +292,6 @@ def test_a_second_repair_keeps_what_the_first_has_kept(small: Path) -> None:
     assert kept == ["run_0.mcap.damaged", "run_0.mcap.damaged.2"]
 
 
-@pytest.mark.parametrize("field", [1, 9 + 8 + 8])  # of the chunk: the length of its record, its size when unpacked
-def test_a_length_beyond_all_bounds_is_one_line(field: int, small: Path) -> None:
-    with small.open("rb") as stream:
-        begin = make_reader(stream).get_summary().chunk_indexes[0].chunk_start_offset  # type: ignore[union-attr]
-    data = bytearray(small.read_bytes())
-    for length in (2**40, 2**63, 2**64 - 1):
-        data[begin + field : begin + field + 8] = length.to_bytes(8, "little")
-        small.write_bytes(data)
-        with pytest.raises(BagError, match="damaged") as caught:
-            verify(small.parent)
-        in_one_line(caught.value)
-        assert repair(small.parent).verified.messages == 26  # all but those of the chunk
-        small.write_bytes(data)
-
-
 def test_metadata_that_contradicts_the_file_is_detected_and_repaired(small: Path) -> None:
     path = small.parent / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
@@ -333,7 +301,7 @@ def test_metadata_that_contradicts_the_file_is_detected_and_repaired(small: Path
 
 
 @pytest.mark.parametrize("action", ["verify", "repair"])
-def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty").mkdir()
     text = tmp_path / "text.mcap"
     text.write_text("not a bag\n")
@@ -346,7 +314,7 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
         verify(tmp_path / ("a" * 5000))
 
 
-def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     extract = ["bag", "extract", bag, "--out", tmp_path / "kept"]
     assert main([str(word) for word in extract]) == 0
     assert (tmp_path / "kept" / "scene.yaml").read_text() == (bag.parent / "short.yaml").read_text()
@@ -354,43 +322,9 @@ def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: py
     refused(capsys, ["bag", "extract", write_bag(tmp_path / "bare", blocks_of_noise()), "--out", tmp_path])
 
 
-_WITHOUT_ROS = """
-import sys
-for name in ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces"):
-    sys.modules[name] = None
-from pathlib import Path
-from atpid_control.runs.read import open_bag
-messages = list(open_bag(Path(sys.argv[1])).messages("/excitation"))
-assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
-"""
-
-
 def test_reading_needs_no_ros(bag: Path) -> None:
+    hidden = ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces")
+    code = f"import sys; sys.modules |= dict.fromkeys({hidden}); from atpid_control.runs.run import open_run; "
+    code += f"assert len(open_run({str(bag)!r}).estimates.time) == 40"
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("AMENT_", "ROS_"))}
-    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment)
-
-
-def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bag", "verify", str(bag)]) == 0
-    printed = capsys.readouterr().out
-    found = verify(bag)
-    assert str(found.messages) in printed.split()
-    assert set(found.by_topic) <= set(printed.split())
-
-
-def test_the_index_of_a_day_of_chunks_takes_little_memory(tmp_path: Path) -> None:
-    writer = begin_bag(tmp_path / "bag", topics=[EVENTS], chunk=1)
-    message = make("Event", text="x")
-
-    def write(first: int, count: int) -> None:
-        for number in range(first, first + count):
-            writer.write(EVENTS, message, number, number)
-
-    write(0, 100)
-    tracemalloc.start()
-    write(100, 2000)
-    held = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    writer.close()
-    assert held < 2000 * 25  # a chunk's index is some 100 bytes
-    assert verify(tmp_path / "bag").messages == 2100  # by their index, too
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,8 +31,6 @@ from mcap.records import Attachment
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
@@ -49,13 +46,9 @@ from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import Sink
 
 TOPICS: dict[str, type[Any]] = {
-    "sensors/laser": SampleBlock,
-    "plant/truth": PlantTruth,
-    "excitation": Excitation,
-    "ceiling/command": CeilingCommand,
-    "ceiling/state": CeilingState,
-    "events": Event,
-}
+    "sensors/laser": SampleBlock, "plant/truth": PlantTruth, "excitation": Excitation,
+    "ceiling/command": CeilingCommand, "ceiling/state": CeilingState, "events": Event,
+}  # fmt: skip
 LASER, STATES, COMMAND, EVENTS = "/sensors/laser", "/ceiling/state", "/ceiling/command", "/events"
 BY_CLOCK = {"/rosout", "/diagnostics"}
 BLOCK_NS, SCANS = 50_000_000, 50
@@ -159,16 +152,6 @@ def end(executor: TurnExecutor, source: Source, blocks: int) -> None:
     spin_until(executor, source.closed)
 
 
-def readable(bag: Path) -> Counter[str]:
-    """Return how many messages of each type another library can read and decode."""
-    found = Counter[str]()
-    with AnyReader([bag], default_typestore=get_typestore(Stores.EMPTY)) as reader:
-        for connection, _, data in reader.messages():
-            assert reader.deserialize(data, connection.msgtype)
-            found[connection.msgtype] += 1
-    return found
-
-
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_a_run_is_recorded_from_handshake_to_finished(ros: TurnExecutor, tmp_path: Path, lockstep: bool) -> None:
     """In lockstep in files of half a second."""
@@ -191,7 +174,6 @@ def test_a_run_is_recorded_from_handshake_to_finished(ros: TurnExecutor, tmp_pat
     assert sorted(path.name for path in (tmp_path / "run").glob("*.mcap")) == [
         f"run_{number}.mcap" for number in range(3 if lockstep else 1)
     ]
-    assert readable(tmp_path / "run").total() == found.messages
     assert not found.lost
     assert (bag.result["finished"], bag.result[f"lost_scans {LASER}"]) == ("yes", "0")
     assert not recorder.error
@@ -230,7 +212,6 @@ def test_events_losses_log_transitions_and_parameters_are_kept(ros: TurnExecutor
     assert yaml.safe_load(bag.files["motor_node.yaml"]) == {
         "/**/motor_node": {"ros__parameters": {"speed": 0.3, "limits": [0.017, 1.0]}}
     }
-    assert {"rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"} <= readable(tmp_path / "run").keys()
     motor.destroy_node()
 
 
@@ -358,10 +339,7 @@ def lost_by_a_kill(ros: TurnExecutor, folder: Path, after: float) -> float:
     found = recover(folder, folder.with_name(f"{folder.name}-again"))
     blocks = [block for _, block in open_bag(found.verified.folder).messages(LASER)]
     assert [block.first_index for block in blocks] == [number * SCANS for number in range(len(blocks))]
-    if blocks:  # else nothing had been written: the machine was busy
-        assert any(
-            line.startswith(f"{LASER}: ") and line.endswith(f" {len(blocks) * SCANS - 1}") for line in found.lost
-        )
+    assert not blocks or any(line.endswith(f" {len(blocks) * SCANS - 1}") for line in found.lost)
     return killed - sent[len(blocks)] if len(blocks) < len(sent) else 0.0
 
 
@@ -390,12 +368,3 @@ def test_a_trigger_among_real_publishers(ros: TurnExecutor, tmp_path: Path) -> N
     assert {"19.5:", "1000,"} <= set(bag.result["trigger"].split())
     assert not recorder.error
     verify(tmp_path / "run")
-
-
-def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(ros: TurnExecutor, tmp_path: Path) -> None:
-    _, source = begin(ros, tmp_path / "run", trigger="sensors/laser b")
-    source.block(0)
-    spin_until(ros, lambda: "trigger" in source.kinds)
-    source.finish(1)
-    spin_until(ros, source.stopped)
-    assert open_bag(tmp_path / "run").result["trigger"].endswith("never")

@@ -1,13 +1,14 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is left of a damaged bag: every whole chunk, what is lost by sample index, and the original as it was."""
+"""What is left of a damaged bag, with what is lost by sample index; bags on a disk that hangs or fails."""
 
 import errno
+import math
 import os
 import re
 import struct
-import tracemalloc
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -17,18 +18,21 @@ import pytest
 import yaml
 import zstandard
 from mcap.reader import make_reader
-from recorded import LASER, STATES, begin_bag, block, in_one_line, make, refused, write_bag
+from recorded import LASER, STATES, Capture, begin_bag, block, in_one_line, make, peak_of, refused, write_bag
 from rosbags.rosbag2 import Reader
 
+from atpid_common.injected_faults import Injected
 from atpid_control.cli import main
 from atpid_control.runs.errors import BagError
+from atpid_control.runs.flush import DiskWatch, Flush
 from atpid_control.runs.parts import MAGIC
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.records import LARGEST_CHUNK, inside
 from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.salvage import salvage
 from atpid_control.runs.verify import verify
-from atpid_control.runs.writer import Sink, Split
+from atpid_control.runs.writer import BagWriter, Sink, Split
+from atpid_control.stand.faulty_recorder import FaultySink
 
 SCANS = 5
 THREE_FILES = Split(seconds=0.02)
@@ -127,16 +131,14 @@ def test_what_is_whole_is_recovered_and_what_is_not_named(name: str, bag: Path) 
     assert file.read_bytes() == data
 
 
-def test_a_bag_that_was_not_closed_names_its_last_scan_and_how_much_may_be_missing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_was_not_closed_names_its_last_scan_and_what_may_be_missing(tmp_path: Path, capsys: Capture) -> None:
     bag = small(tmp_path / "run", close=False)
     found = recover(bag)
     assert found.verified.messages == 24
     assert "0.02 s" in found.lost[-2]
     assert found.lost[-1].startswith(f"{LASER}: ")
     assert found.lost[-1].endswith(" 59")
-    assert main(["bag", "verify", str(bag)]) == 2
+    assert [main(["bag", command, str(bag)]) for command in ("verify", "check")] == [2, 2]
     assert f"lost: {found.lost[-1]}" in capsys.readouterr().out
 
 
@@ -150,23 +152,15 @@ def test_scans_lost_before_the_recorder_are_told_from_those_lost_in_the_file(tmp
 def test_public_readers_seek_in_a_recovered_bag(tmp_path: Path) -> None:
     made = recover(small(tmp_path / "run", close=False)).verified.folder
     with next(made.glob("*.mcap")).open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        summary = reader.get_summary()
-        late = [message.log_time for _, _, message in reader.iter_messages(topics=[LASER], starting_at=40_000_000)]
-    assert summary is not None
-    assert summary.chunk_indexes
-    assert late == [40_000_000, 45_000_000, 50_000_000, 55_000_000]
+        found = make_reader(stream, validate_crcs=True).iter_messages(topics=[LASER], starting_at=40_000_000)
+        assert [message.log_time for _, _, message in found] == [40_000_000, 45_000_000, 50_000_000, 55_000_000]
     with Reader(made) as other:
         assert sum(1 for _ in other.messages(start=40_000_000)) == 8
 
 
-def test_a_whole_bag_is_not_written_again(bag: Path) -> None:
-    assert not recover(bag).made
-    assert os.listdir(bag.parent) == ["run"]
-
-
-def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
     bag = small(tmp_path / "run", close=False)
+    assert not recover(small(tmp_path / "whole")).made  # nothing is lost
     (tmp_path / "run-recovered").mkdir()
     refused(capsys, ["bag", "recover", bag], "run-recovered", "exists")
     assert main(["bag", "recover", str(bag), "--out", str(tmp_path / "other")]) == 0
@@ -193,12 +187,9 @@ def test_a_full_disk_leaves_nothing_of_a_recovery(
 
 def test_a_chunk_of_many_records_takes_no_memory_for_all() -> None:
     data = struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 0) * 20_000
-    tracemalloc.start()
-    try:
-        assert sum(1 for _ in inside(data)) == 20_000
-        assert tracemalloc.get_traced_memory()[1] < len(data) + 100_000
-    finally:
-        tracemalloc.stop()
+    counts = list[int]()
+    assert peak_of(lambda: counts.append(sum(1 for _ in inside(data)))) < len(data) + 100_000
+    assert counts == [20_000]
 
 
 def test_a_split_bag_is_one_bag_to_every_reader(tmp_path: Path, bag: Path) -> None:
@@ -222,6 +213,9 @@ def test_a_split_bag_is_one_bag_to_every_reader(tmp_path: Path, bag: Path) -> No
         assert reader.message_count == sum(1 for _ in reader.messages()) == 24
     for file in split.glob("*.mcap"):  # each can be read alone
         assert open_bag(file).run["run_id"] == "small"
+    many = small(tmp_path / "many", each=1, split=Split(seconds=0.005))
+    assert len(list(many.glob("*.mcap"))) == 12
+    assert not verify(many).lost  # the tenth is behind the ninth
 
 
 def test_a_file_of_a_split_bag_that_is_missing_is_named(tmp_path: Path) -> None:
@@ -252,18 +246,6 @@ def test_a_file_of_a_split_bag_that_is_none_costs_only_itself(
     found = recover(bag)
     assert found.verified.messages == messages
     assert (f"{LASER}: scans 20 to 39 lost (20)" in found.lost) == close
-
-
-def test_a_crash_after_a_split_loses_the_last_chunk_alone(tmp_path: Path) -> None:
-    bag = small(tmp_path / "run", split=THREE_FILES, close=False)
-    assert repair(bag).verified.messages == 24
-    assert sorted(file.name for file in bag.glob("*.mcap")) == ["run_0.mcap", "run_1.mcap", "run_2.mcap"]
-
-
-def test_ten_files_are_read_in_their_order(tmp_path: Path) -> None:
-    bag = small(tmp_path / "run", each=1, split=Split(seconds=0.005))
-    assert len(list(bag.glob("*.mcap"))) == 12
-    assert not verify(bag).lost
 
 
 def test_the_disk_that_fills_up_at_a_split_is_one_line(tmp_path: Path) -> None:
@@ -314,3 +296,177 @@ def test_what_the_index_does_not_lead_to_is_no_whole_bag_and_recover_leads_to_it
         verify(bag)
     recover(bag)
     assert verify(bag.with_name("run-recovered")).messages == 24
+
+
+TIMEOUT = 100.0
+PIECE = bytes(range(100))
+
+
+class Disk:
+    """A disk whose flushes hang until they are released, or fail, and the index of a file that is full with them."""
+
+    def __init__(self) -> None:
+        self.begun, self.released = threading.Event(), threading.Event()
+        self.error: OSError | None = None
+
+    def sink(self, path: Path) -> Sink:
+        disk = self
+
+        class Hanging(Sink):
+            def write(self, data: bytes) -> int:
+                if threading.current_thread() is not threading.main_thread():
+                    disk.begun.set()
+                    assert disk.released.wait(TIMEOUT)
+                return super().write(data)
+
+            def sync(self) -> None:
+                disk.begun.set()
+                assert disk.released.wait(TIMEOUT)
+                if disk.error:
+                    raise disk.error
+                super().sync()
+
+        return Hanging(path)
+
+
+@pytest.fixture
+def disk() -> Iterator[Disk]:
+    made = Disk()
+    yield made
+    made.released.set()
+
+
+def write(bag: BagWriter, *stamps: int) -> None:
+    for stamp in stamps:
+        bag.write(STATES, make("CeilingState", stamp, "motor_node"), stamp, stamp)
+    bag.end_chunk()
+
+
+def test_what_is_written_while_the_disk_hangs_survives_a_kill(tmp_path: Path, disk: Disk) -> None:
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink)
+    write(bag, 0)
+    bag.sync()
+    assert disk.begun.wait(TIMEOUT)
+    for stamp in range(1, 20):
+        write(bag, stamp)
+        bag.sync()  # none is begun while one is under way
+    assert bag.flush_seconds > 0.0
+    assert recover(tmp_path / "run").verified.messages == 20  # the writer is not closed
+    disk.released.set()
+    bag.close()
+    assert verify(tmp_path / "run").messages == 20
+
+
+def test_a_split_does_not_wait_for_the_disk(tmp_path: Path, disk: Disk) -> None:
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink, split=Split(seconds=1e-6))
+    write(bag, 0, 1, 2000, 2001, 4000)
+    assert disk.begun.wait(TIMEOUT)
+    files = sorted((tmp_path / "run").glob("*.mcap"))
+    assert len(files) == 3
+    assert not files[0].read_bytes().endswith(MAGIC)
+    assert recover(tmp_path / "run").verified.messages == 5
+    disk.released.set()
+    bag.close()
+    assert verify(tmp_path / "run").messages == 5
+
+
+def until_refused(act: Callable[[], None]) -> None:
+    while True:  # the error may be that of a flush before
+        act()
+
+
+@pytest.mark.parametrize("act", [BagWriter.sync, BagWriter.close])
+def test_a_flush_that_fails_ends_the_recording(tmp_path: Path, disk: Disk, act: Callable[[BagWriter], None]) -> None:
+    disk.error = OSError(errno.EIO, os.strerror(errno.EIO))
+    bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink)
+    write(bag, 0)
+    disk.released.set()
+    with pytest.raises(BagError, match=r"after 1 .*disk") as caught:
+        until_refused(lambda: act(bag))
+    in_one_line(caught.value)
+    bag.close()
+    assert recover(tmp_path / "run").verified.messages == 1
+
+
+def test_an_error_is_that_of_the_flushes_after_it_too() -> None:
+    flush, go, done = Flush(), threading.Event(), threading.Event()
+
+    def fail() -> None:
+        assert go.wait(TIMEOUT)
+        raise OSError(errno.EIO, "")
+
+    flush.add(fail)
+    flush.add(done.set)
+    go.set()
+    with pytest.raises(OSError, match="Errno 5"):
+        flush.finish()
+    assert not done.is_set()
+    flush.finish()  # nothing is left
+
+
+def test_slow_writes_are_one_episode_and_those_of_the_next_day_another_one() -> None:
+    watch = DiskWatch(0.4, 2.0, 60.0)
+    pushed = [watch.push(took, now) for now, took in enumerate([0.1, 0.5, 0.6, 0.1, 0.1, 0.1, 0.1, 0.9])]
+    assert pushed == [None, True, None, None, None, False, None, True]
+    assert watch.longest == 0.9
+    busy = DiskWatch(0.4, 2.0, 60.0)
+    hour = [busy.push(0.5 if now % 5 == 0 else 0.1, now) for now in range(3600)]
+    assert 2 <= hour.count(True) <= 3  # one each 5 s without the rule
+    assert [busy.push(0.1, 4000.0), busy.push(0.5, 8000.0), busy.push(0.1, 8003.0)] == [False, True, False]
+
+
+class Faulty:
+    """A file with an injected fault from 1 s to 2 s of a run whose time is set by hand."""
+
+    def __init__(self, folder: Path, kind: str, value: float = math.nan) -> None:
+        self.now, self.file = 0.5, folder / "run.mcap"
+        self.sink = FaultySink(self.file, [Injected("recorder", kind, 1.0, 2.0, value)], lambda: self.now)
+
+    def write(self, now: float, data: bytes = PIECE) -> bytes:
+        """Write a piece at an instant of the run; return what is in the file then."""
+        self.now = now
+        self.sink.write(data)
+        return self.file.read_bytes()
+
+
+def test_a_full_disk_refuses_garbage_is_a_bit_and_else_it_is_a_file(tmp_path: Path) -> None:
+    made = Faulty(tmp_path, "wrong")
+    assert made.write(math.nan) == PIECE  # before the run
+    with pytest.raises(OSError, match="Errno") as refused:
+        made.write(1.5)
+    assert refused.value.errno == errno.ENOSPC
+    assert made.write(2.0) == 2 * PIECE
+    made.sink.sync()
+    assert made.sink.tell() == 200
+    made.sink.close()
+    (tmp_path / "garbage").mkdir()
+    got = Faulty(tmp_path / "garbage", "garbage").write(1.5)
+    assert sum((one ^ other).bit_count() for one, other in zip(got, PIECE, strict=True)) == 1
+
+
+@pytest.mark.parametrize(("kind", "begin"), [("stuck", 1.0), ("intermittent", 1.5)])
+def test_a_disk_that_hangs_takes_the_piece_when_it_no_longer_does(tmp_path: Path, kind: str, begin: float) -> None:
+    made = Faulty(tmp_path, kind, 1.0 if kind == "intermittent" else math.nan)
+    made.now = begin
+    writing = threading.Thread(target=made.sink.write, args=(PIECE,))
+    writing.start()
+    try:
+        writing.join(0.05)
+        assert writing.is_alive()
+        assert made.file.read_bytes() == b""
+    finally:
+        made.now = 2.0
+        writing.join()
+    assert made.file.read_bytes() == PIECE
+
+
+def test_delayed_pieces_keep_their_order_and_a_sync_waits_for_them(tmp_path: Path) -> None:
+    made = Faulty(tmp_path, "delayed", 0.05)
+    assert made.write(1.5) == b""
+    assert made.sink.tell() == 100
+    made.write(2.5, PIECE[::-1])
+    made.sink.sync()
+    assert made.file.read_bytes() == PIECE + PIECE[::-1]
+    made.write(1.5)
+    made.sink.close()
+    assert len(made.file.read_bytes()) == 300

@@ -5,16 +5,15 @@
 import json
 import math
 import re
-import shutil
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from recorded import LASER, SHORT, block, record, refused, write_bag
+from recorded import LASER, SHORT, Capture, block, record, refused, write_bag
 
 from atpid_control.cli import main
 from atpid_control.runs.errors import BagError
@@ -23,19 +22,16 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.writer import BagWriter
 from atpid_control.stand.outdir import MARKER
-from atpid_control.views.report import Report, Stage, report, stages
-from atpid_control.views.report.charts import Marked, points, thinned
+from atpid_control.views.report import Stage, report
+from atpid_control.views.report.charts import thinned
 from atpid_control.views.report.comparison import closed_by_simulation, corners
-from atpid_control.views.report.page import number, page
-from atpid_control.views.report.panels import anchor, extremes, grain, overview, rounded_up
+from atpid_control.views.report.page import page
+from atpid_control.views.report.panels import extremes, grain, overview
 from atpid_control.views.report.stages import beside, intervals, measured_decrement
 from atpid_control.views.report.view import View, headline, view_of
-from atpid_control.views.static_page import document, drawn, facts, table, warnings
-from atpid_sim.figure_numbers import numbers_in, save_panels
-from atpid_sim.figure_style import DARK, LIGHT, Palette
+from atpid_control.views.static_page import document, facts, table, warnings
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
-from atpid_sim.simulation.quantities import largest_decrement, peaks
 
 FREE = """
 beam:       {mass: 0.3258, stiffness: 117.6, damping: 0.56}
@@ -82,11 +78,6 @@ def found(view: View) -> list[Stage]:
 @pytest.fixture(scope="module")
 def free(recorded: Callable[..., Path]) -> Path:
     return recorded("free", FREE, [])
-
-
-@pytest.fixture(scope="module")
-def of_free(free: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
-    return report(free, tmp_path_factory.mktemp("free") / "report")
 
 
 def scene_of(**excitation: Any) -> Scene:
@@ -140,14 +131,6 @@ def test_stages_are_the_intervals_of_constant_amplitude(adaptive: Path, found: l
     assert ledger.contact_loss > 0.0
 
 
-def test_a_stage_has_the_keys_of_the_summary(found: list[Stage]) -> None:
-    keys = ["t0", "t1", "excitation_amplitude", "identified_amplitude", "identified_frequency", "height", "amplitude",
-            "undamped_amplitude", "efficiency", "bare_amplitude", "reduction", "commanded_height", "reproducible",
-            "amplitude_spread"]  # fmt: skip
-    assert [field.name for field in fields(Stage)] == list(found[0].as_dict()) == keys
-    json.dumps(replace(found[0], height=math.nan).as_dict(), allow_nan=False)
-
-
 @pytest.mark.parametrize("controlled", [False, True])
 def test_an_irregular_stage_has_the_spread_of_repeated_runs(controlled: bool, recorded: Callable[..., Path]) -> None:
     """Above the best height: with a ceiling of the scene's own, or with the same height by a controller."""
@@ -162,12 +145,9 @@ def test_an_irregular_stage_has_the_spread_of_repeated_runs(controlled: bool, re
     least, largest = stage.amplitude_spread
     assert least <= stage.amplitude <= largest
     assert largest > 1.05 * least
-    low, high_ = (f"{100.0 * value:.0f}" for value in stage.efficiency_range)
-    worst = round(-100.0 * stage.reduction_range[0])
-    assert (f" {worst} %" if worst > 0 else stage.reduction_text()) in headline(view)
     assert json.loads(json.dumps(stage.as_dict()))["amplitude_spread"] == [least, largest]
-    for text in (headline(view), page(view)):
-        assert f"{low} to {high_} %" in text
+    low, high = (f"{100.0 * value:.0f}" for value in stage.efficiency_range)
+    assert f"{low} to {high} %" in headline(view)
 
 
 def test_the_ceiling_s_recorded_motion_is_kept_by_its_corners() -> None:
@@ -203,13 +183,6 @@ def test_intervals(view: View, amplitude: Any, expected: list[tuple[float, float
     assert intervals(replace(view.run, scene=scene_of(amplitude=amplitude))) == expected
 
 
-def test_a_comparison_of_ones_own_can_be_given(adaptive: Path) -> None:
-    def twice(_scene: Scene, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(2.0 * np.sin(2.0 * np.pi * 5.0 * times))
-
-    assert all(abs(stage.undamped_amplitude - 2.0) < 1e-3 for stage in stages(adaptive, closed=twice))
-
-
 def test_free_decay_is_reported_by_its_decrements(free: Path) -> None:
     view = view_of(free)
     assert view.stages == []
@@ -224,14 +197,6 @@ def test_free_decay_is_reported_by_its_decrements(free: Path) -> None:
     assert measured_decrement(view.run.scene, 0.21) is None
 
 
-def test_peaks_of_a_damped_cosine() -> None:
-    time = np.arange(0.0, 3.0, 1e-4)
-    swing = np.exp(-0.5 * time) * np.cos(2.0 * np.pi * 2.0 * time)
-    assert np.allclose(peaks(swing)[1:-1], np.exp(-0.5 * np.arange(1, 6) * 0.5), rtol=1e-2)
-    assert abs(largest_decrement(swing[100:]) - math.exp(0.25)) < 0.01
-    assert math.isnan(largest_decrement(np.zeros(10)))
-
-
 def test_the_thesis_stands_beside_its_own_bench_only(view: View, found: list[Stage]) -> None:
     assert beside(view.run, found) is None
     scene = load_scene(Path(__file__).parents[2] / "scenes" / "thesis_4_3.yaml")
@@ -241,52 +206,14 @@ def test_the_thesis_stands_beside_its_own_bench_only(view: View, found: list[Sta
     assert [stage.height for stage in printed] == [0.30, 0.70, 0.57]
 
 
-def markup(text: str) -> str:
-    """Return a page without the text of its scripts; each of its tags must be closed."""
-    shown = re.sub(r"(<script[^>]*>).*?(</script>)", r"\1\2", text, flags=re.DOTALL)
-    for tag in set(re.findall(r"</(\w+)>", shown)):
-        assert len(re.findall(rf"<{tag}\b", shown)) == shown.count(f"</{tag}>"), tag
-    return shown
-
-
 def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     made = report(adaptive, tmp_path)
     text = made.page.read_text()
-    assert re.findall(r"\b(?:src|href)=", markup(text)) == []
+    assert re.findall(r"\b(?:src|href)=", re.sub(r"<script[^>]*>.*?</script>", "", text, flags=re.DOTALL)) == []
     assert {"overview", "grain", "spectra", "figures"} <= set(re.findall(r'\bid="(\w+)"', text))
-    assert text.count("Plotly.react") == 1
-    assert "prefers-color-scheme: dark" in text
-    figures = json.loads(re.search(r'id="figures">(.*?)</script>', text, re.DOTALL)[1].replace("<\\/", "</"))  # type: ignore[index]
-    assert set(figures) == {"overview", "grain", "spectra"}
-    assert [trace["name"] for trace in figures["spectra"]["data"]] == ["support", "beam"]
-    shown = {trace["name"] for trace in figures["overview"]["data"]}
-    assert shown >= {"closed", "adaptive", "true", "identified", "moved"}
-    assert "specimen" in text
-    assert "0123456789ab" in text
-    pictures = {path.name: path.read_bytes()[:4] for path in made.pictures}
-    names = ("grain-dark.png", "grain.png", "overview-dark.png", "overview.png")
-    assert pictures == dict.fromkeys(names, b"\x89PNG")
-
-
-def titles(view: View) -> list[str]:
-    return [panel.title for panel in overview(view).panels]
-
-
-def test_a_panel_shows_a_frequency_that_changes_and_an_error_that_is_seen(view: View) -> None:
-    beam, support, error, height = titles(view)
-    assert view.true_frequency is not None
-    moving = replace(view, true_frequency=view.true_frequency + np.linspace(0.0, 0.5, len(view.beam)))
-    (panel,) = [panel for panel in overview(moving).panels if panel.unit == "Hz"]
-    assert titles(moving) == [beam, support, error, panel.title, height]
-    assert [curve.name for curve in panel.curves] == ["true", "identified"]
-    assert panel.limits[0] < view.true_frequency[0] < view.true_frequency[0] + 0.5 < panel.limits[1]
-    estimates, assumed = view.run.estimates, view.true_amplitude
-    assert assumed is not None
-    exact = np.interp(estimates.time, view.run.motion.time, assumed)
-    run = replace(view.run)
-    # instead of what the bag holds
-    vars(run)["estimates"] = replace(estimates, amplitude=exact, amplitude_std=np.zeros(len(exact)))
-    assert titles(replace(view, run=run)) == [beam, support, height]
+    assert {'"name":"true"', '"name":"identified"', '"name":"moved"'} <= set(re.findall(r'"name":"\w+"', text))
+    assert {"specimen", "0123456789ab"} <= set(re.findall(r"\w+", text))
+    assert {path.read_bytes()[:4] for path in made.pictures} == {b"\x89PNG"}
 
 
 def test_all_lengths_of_a_report_are_in_millimetres(view: View) -> None:
@@ -308,7 +235,6 @@ def test_every_kind_of_scene_gets_a_report(free: Path, recorded: Callable[..., P
         text = page(view)
         assert said in headline(view)
         assert view.stages == []
-        assert "</body>" in markup(text)
         assert ("damping ratio" in text) == (bag is not swept)
         assert ("excitation: support_displacement" in text) == (bag is not swept)
 
@@ -321,11 +247,9 @@ def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:
     firsts = [first for first in range(0, 2000, 50) if first != 500]
     blocks = [(LASER, block(first, data[first : first + 50], start_ns=10**18)) for first in firsts]
     view = view_of(write_bag(tmp_path / "stand", blocks, run_id="<b>stand</b>"))
-    text = page(view)
     assert view.stages == []
-    assert "50 scans of 2000" in text
-    assert "<b>stand</b>" not in text
-    assert "&lt;b&gt;stand" in text
+    assert re.search("50 .* 2000", page(view))
+    assert re.findall("(?:<b>|&lt;b&gt;)stand", page(view))[0] == "&lt;b&gt;stand"
 
 
 def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, found: list[Stage], tmp_path: Path) -> None:
@@ -344,12 +268,10 @@ def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, found: 
     for now, then in zip(view.stages, found, strict=True):
         # the laser's noise of 20 um widens a peak-to-peak by some of its own standard deviations
         assert abs(now.amplitude - then.amplitude) < 1e-4
-    text = page(view)
-    assert '"name":"commanded"' in text
-    assert '"name":"moved"' not in text
+    assert re.findall(r'"name":"(commanded|moved)"', page(view)) == ["commanded"]
 
 
-def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: Capture) -> None:
     bag = write_bag(tmp_path / "silent")
     with pytest.raises(BagError, match="no message"):
         view_of(bag)
@@ -357,12 +279,11 @@ def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_folder_with_files_of_others_is_refused_and_an_earlier_report_replaced(
-    free: Path, of_free: Report, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    free: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     out = tmp_path / "out"
-    shutil.copytree(of_free.page.parent, out)
     command = ["bag", "report", str(free), "--out", str(out)]
-    assert main(command) == 0
+    assert [main(command), main(command)] == [0, 0]
     (out / "thesis.docx").write_text("")
     refused(capsys, command, "(thesis.docx)")
     (out / MARKER).write_text("")  # a folder of the bench may hold anything
@@ -370,70 +291,20 @@ def test_a_folder_with_files_of_others_is_refused_and_an_earlier_report_replaced
     refused(capsys, ["bag", "report", free, "--out", out / "thesis.docx" / "out"], "thesis.docx/out: cannot")
 
 
-@pytest.mark.parametrize(
-    ("shown", "expected"),
-    [
-        # without a sign where it is rounded to zero
-        *((number(value, "+.3f", "%"), text) for value, text in ((-1e-9, "0.000 %"), (0.0004, "0.000 %"))),
-        *((number(value, "+.3f", "%"), text) for value, text in ((-0.0016, "−0.002 %"), (math.nan, "–"))),
-        # a text at the begin stands beside the ticks of the other axis
-        *((anchor(share), side) for share, side in ((0.0, "left"), (0.03, "left"), (0.1, "center"), (0.99, "center"))),
-        *(
-            (rounded_up(value), pytest.approx(end))
-            for value, end in ((0.0, 0.1), (0.11, 0.2), (0.9, 1.0), (37.0, 50.0))
-        ),
-    ],
-)
-def test_numbers_texts_and_limits_of_a_figure(shown: object, expected: object) -> None:
-    assert shown == expected
-
-
 def test_thinning_keeps_extremes_and_gaps() -> None:
-    time = np.arange(100_000) / 1000.0
-    value = np.sin(time)
-    value[77_777] = 5.0
+    time, value = np.arange(100_000) / 1000.0, np.random.default_rng(1).normal(size=100_000)
+    value[[7, 77_777]] = -60.0, 50.0
     x, y = thinned(time, value, 2000)
     assert len(x) <= 2003
     assert x == sorted(x)
-    assert max(v for v in y if v is not None) == 5.0
+    assert {-60.0, 50.0} <= set(y)
+    chosen = extremes(value, 2000)  # of a picture
+    assert len(chosen) <= 2002
+    assert (np.diff(chosen) > 0).all()
+    assert {7, 77_777} <= set(chosen.tolist())
+    assert (extremes(value[:100], 100) == np.arange(100)).all()
     value[:1000] = np.nan
     assert None in thinned(time, value, 2000)[1]
-
-
-@pytest.mark.parametrize("palette", [LIGHT, DARK])
-def test_text_stands_out_of_the_paper(palette: Palette) -> None:
-    def luminance(colour: str) -> float:
-        parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
-        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-        return float(np.dot([0.2126, 0.7152, 0.0722], linear))
-
-    for name in ("ink", "muted", "given_text", "own", "accent"):
-        light, dark = sorted((luminance(getattr(palette, name)), luminance(palette.paper)), reverse=True)
-        assert (light + 0.05) / (dark + 0.05) >= 4.5, name
-
-
-def test_a_picture_of_hours_keeps_the_extremes_of_its_curves() -> None:
-    value = np.random.default_rng(1).normal(size=3_600_000)
-    value[[7, 2_000_003, 3_599_999]] = 50.0, -60.0, 3.0
-    chosen = extremes(value, 20_000)
-    assert len(chosen) <= 20_002
-    assert (np.diff(chosen) > 0).all()
-    assert {7, 2_000_003, 3_599_999} <= set(chosen.tolist())
-    assert (extremes(value[:100], 100) == np.arange(100)).all()
-
-
-def test_curves_of_one_colour_have_marks_and_lines_of_their_own() -> None:
-    curves = [
-        Marked(str(cycle), [0.0, 1.0], [1.0, 2.0], [0.1, 0.1], "own", marked, cycle=cycle)
-        for cycle in range(3)
-        for marked in (True, False)
-    ]
-    lines = points("Efficiency", "%", "height, mm", curves)["data"]
-    assert len({one["marker"]["symbol"] for one in lines if "marker" in one}) == 3
-    assert len({one["line"]["dash"] for one in lines if "line" in one}) == 3
-
-
-# the page of a design and of results
 
 
 def test_what_is_given_is_escaped() -> None:
@@ -441,36 +312,3 @@ def test_what_is_given_is_escaped() -> None:
     shown = document("<A>", [rows, facts({"<G>": "<H>"}), warnings(["<I>"])])
     assert re.findall(r"<[A-I]>", shown) == []
     assert set(re.findall(r"&lt;([A-I])&gt;", shown)) == set("ABCDEFGHI")
-    assert {'role="region"', 'tabindex="0"'} <= set(rows.replace(">", " ").split())  # the keyboard reaches it
-    assert warnings([]) == ""
-
-
-def one_curve(axes: Any) -> None:
-    axes.plot([0.0, 1.0], [0.0, 2.0], color=LIGHT.own, label="a curve")
-    axes.set(title="<Height>", ylabel="mm")
-
-
-def test_a_page_holds_its_panels_in_both_schemes_and_a_picture_their_numbers(tmp_path: Path) -> None:
-    three = [[one_curve], [one_curve, one_curve]]
-    shown = document("A", [drawn(three)])
-    assert re.findall(r'(?:src|href)="(?!#|http://www.w3.org)[^"]*"', shown) == []
-    assert shown.count("--paper:") == 2
-    assert shown.count('<svg role="img" aria-label="&lt;Height&gt;"') == 3
-    assert shown.count("<figcaption>&lt;Height&gt;</figcaption>") == 3
-    assert shown.count(">a curve</text>") == 3
-    assert "stroke: var(--own)" in shown
-    drawings = shown[shown.index("<main>") :]
-    assert not any(colour in drawings for colour in asdict(LIGHT).values())
-    save_panels(three, tmp_path / "a.png")
-    assert list(numbers_in(tmp_path / "a.png")) == [f"{place} <Height>" for place in range(3)]
-
-
-@pytest.mark.parametrize("words", ["runs 2026 ", "/deep"])
-def test_a_long_name_of_a_curve_leaves_room_for_the_curve(words: str) -> None:
-    def two(axes: Any) -> None:
-        for end in ("/first", "/second"):
-            axes.plot([0.0, 1.0], [0.0, 2.0], label=words * 100 + end)
-
-    shown = drawn([[two]])  # a warning of matplotlib, where no room is left, is an error
-    assert "first" in shown
-    assert "second" in shown

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One Run: every reader of a recording sees the same samples, rate, instants and gaps, of any bag."""
 
-import json
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -13,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bag_files import BAG, EXACT, RATE, START, exported, jumps, rewritten, samples, with_topic, without_repetition
-from recorded import LASER, begin_bag, block, refused, write_bag
+from recorded import LASER, Capture, begin_bag, block, refused, write_bag
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -33,7 +32,7 @@ from atpid_control.runs.writer import Split
 from atpid_control.views.comparison import compare
 from atpid_control.views.report.page import analysis_of
 from atpid_control.views.report.view import view_of
-from atpid_sim.scene import load_scene, scene_from_mapping
+from atpid_sim.scene import scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.integration import drive_table, undamped_amplitude
 
@@ -173,7 +172,7 @@ def test_a_bag_in_sqlite3_holds_what_the_other_does(definitions: bool, tmp_path:
     assert check(theirs.path).findings == []
 
 
-def test_a_type_without_a_definition_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_type_without_a_definition_is_named(tmp_path: Path, capsys: Capture) -> None:
     folder = in_sqlite(tmp_path / "bag", definitions=False)
     changed(folder, "UPDATE topics SET type = 'lab/msg/Thing' WHERE name = '/ceiling/state'")
     (line,) = open_run(folder).missing
@@ -236,7 +235,7 @@ def series_of(folder: Path, blocks: list[tuple[int, Any]], rates: tuple[float, .
     return folder
 
 
-def test_a_recorded_support_drives_a_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recorded_support_drives_a_simulation(tmp_path: Path, capsys: Capture) -> None:
     assert main(["bag", "extract", str(BAG), "--out", str(tmp_path), "--support"]) == 0
     assert "support.csv: 8000 " in capsys.readouterr().out
     recorded = read_yaml((open_bag(BAG).scene_text or ""), "bag")
@@ -245,16 +244,6 @@ def test_a_recorded_support_drives_a_simulation(tmp_path: Path, capsys: pytest.C
     tone = scene_from_mapping(scene)
     both = [undamped_amplitude(one, drive_table(one, one.steady_window)) for one in (measured, tone)]
     assert both[0] == pytest.approx(both[1], rel=1e-4)  # the laser's noise is 20 um
-
-
-def test_the_command_simulate_takes_the_series(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bag", "extract", str(BAG), "--out", str(tmp_path), "--support", "6:8"]) == 0
-    scene = load_scene(BAG.with_suffix(".yaml")).to_mapping() | {"duration": 1.9, "steady_window": [0.0, 1.9]}
-    scene |= {"ceiling": {"height": 0.2}, "excitation": {"series": {"file": "support.csv"}}}
-    (tmp_path / "measured.yaml").write_text(scene_from_mapping(scene, folder=tmp_path).to_yaml())
-    capsys.readouterr()
-    assert main(["simulate", str(tmp_path / "measured.yaml"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["amplitude"] > 0.0
 
 
 def test_times_are_index_over_rate(tmp_path: Path) -> None:
@@ -279,23 +268,18 @@ def test_what_is_missing_is_reported_and_can_be_left_out(tmp_path: Path) -> None
         with pytest.raises(BagError, match=line):
             support_series(open_run(bag, begin=begin, end=end), begin, end)
     assert len(support_series(open_run(bag, begin=0.15, end=0.2), 0.15, 0.2)[0]) == 51
-
-
-def test_a_rate_that_changes_is_another_recording(tmp_path: Path) -> None:
-    bag = series_of(tmp_path / "bag", [(0, scans(0)), (50, scans(50))], rates=(RATE, 500.0))
+    changed = series_of(tmp_path / "rate", [(0, scans(0)), (50, scans(50))], rates=(RATE, 500.0))
     with pytest.raises(BagError, match="anew"):
-        support_series(open_run(bag))
+        support_series(open_run(changed))
 
 
-def test_a_bag_without_the_support_is_refused_with_what_it_has(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_without_the_support_is_refused_with_what_it_has(tmp_path: Path, capsys: Capture) -> None:
     bag = write_bag(tmp_path / "bag", [(LASER, block(0, scans(0), channels=["acceleration", "temperature"]))])
     extract = ["bag", "extract", bag, "--out", tmp_path, "--support"]
     refused(capsys, extract, SUPPORT, "acceleration, temperature")
 
 
-def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "support.csv").write_text("mine")
     (tmp_path / "file").write_text("")
     for folder in (tmp_path, tmp_path / "file" / "in"):
@@ -304,9 +288,6 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize("given", ["2", "3:2", "a:b", "-1:2", "nan:1", "1:2:3"])
-def test_an_interval_that_is_none_is_refused(given: str) -> None:
+def test_an_interval_that_is_none_is_refused_and_one_beside_another_command(given: str) -> None:
     assert main(["bag", "extract", "bag", f"--support={given}"]) == 2
-
-
-def test_only_extract_takes_an_interval() -> None:
     assert main(["bag", "verify", "bag", "--support"]) == 2

@@ -80,20 +80,17 @@ def test_a_value_given_takes_the_place_of_the_usual_one_but_not_of_what_the_run_
         combined(usual, {"a": {"z": 4}}, {"a": {"z": 5}})
 
 
-@pytest.mark.parametrize("lockstep", [True, False])
-def test_the_users_values_reach_every_node_of_the_bench(lockstep: bool, scene: Scene, tmp_path: Path) -> None:
-    given = {part.name: {"own": part.name} for part in REAL_TIME_PARTS}
-    found = parameters_for(scene, FILE, STANDARD, tmp_path / "bag", lockstep=lockstep, given=given)
-    assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
-    assert found.keys() == {part.name for part in (PARTS if lockstep else REAL_TIME_PARTS)}
-
-
-def test_the_users_values_reach_every_node_of_the_emulated_stand(scene: Scene, tmp_path: Path) -> None:
+def test_the_users_values_reach_every_node_of_bench_and_emulated_stand(scene: Scene, tmp_path: Path) -> None:
     given = {name: {"own": name} for name in NAMES}
-    found = emulated.parameters_emulated(scene, FILE, STANDARD, tmp_path / "bag", tmp_path, board=True, given=given)
-    assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
-    assert set(NAMES) - set(found) == {"live_node", "ni_node", "excitation_node"}
-    assert found["supervisor_node"]["nodes"][-2:] == ["labjack_node", "feed_node"]
+    places = (scene, FILE, STANDARD, tmp_path / "bag")
+    bench, paced = (parameters_for(*places, lockstep=lockstep, given=given) for lockstep in (True, False))
+    stand = emulated.parameters_emulated(*places, tmp_path, board=True, given=given)
+    for found in (bench, paced, stand):
+        assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
+    assert bench.keys() == {part.name for part in PARTS}
+    assert paced.keys() == {part.name for part in REAL_TIME_PARTS}
+    assert set(NAMES) - set(stand) == {"live_node", "ni_node", "excitation_node"}
+    assert stand["supervisor_node"]["nodes"][-2:] == ["labjack_node", "feed_node"]
 
 
 def test_namespace_and_log_level_are_on_each_command_line(tmp_path: Path) -> None:
@@ -139,9 +136,7 @@ def test_a_run_is_refused_before_a_node_starts(
     assert re.match("error: " + line, error), error
 
 
-def test_a_stand_in_a_domain_that_does_not_exist_is_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stand_in_a_domain_that_does_not_exist_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "233")
     assert main(["stand", str(FILE)]) == 2
     assert re.fullmatch(r"error: ROS_DOMAIN_ID: .*'233'; .*\b0 .* 232\b.*\n", capsys.readouterr().err)

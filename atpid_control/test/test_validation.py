@@ -5,12 +5,13 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import bag_files
 import numpy as np
 import pytest
 from bag_files import RATE, ROOT, without_pictures
-from recorded import refused
+from recorded import Capture, refused
 
 from atpid_control.analysis.validation.compare import Agreement, compare, driven_scene
 from atpid_control.analysis.validation.measured import Measured
@@ -54,9 +55,7 @@ def test_the_bag_that_comes_along_is_its_own_simulation(tmp_path: Path) -> None:
     assert load_scene(out / "scene.yaml").initial is not None
 
 
-def test_a_fault_within_the_part_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     without_pictures(monkeypatch)
     stuck = ["bag", "validate", str(ROOT / "bags/laser_stuck"), "--out"]
     assert main([*stuck, str(tmp_path)]) == 0
@@ -93,29 +92,22 @@ def test_a_wrong_model_shows(opening: Scene, tmp_path: Path) -> None:
 DECAY = standard_bench(excitation={"free": {"deflection": 0.1}}, ceiling={"height": 0.017}, duration=6.0)
 
 
-def validate_decay(folder: Path, data: np.ndarray, *options: str) -> int:
-    """Compare the table of a free decay with its scene; return the command's status."""
-    recording, kept = table(folder / "decay.csv", data), folder / "scene.yaml"
-    kept.write_text(DECAY.to_yaml())
-    given = ["--scene", str(kept), "--height", "0.017", "--out", str(folder / "out")]
-    return main(["bag", "validate", str(recording), *given, *options])
-
-
-def test_a_part_from_the_middle_of_a_free_decay(tmp_path: Path) -> None:
+def test_a_part_of_a_free_decay_and_the_longest_without_a_gap(tmp_path: Path, capsys: Capture) -> None:
     """The initial state is measured: a closed damper that decays from it is that of the whole recording."""
-    assert validate_decay(tmp_path, recorded(DECAY, noise=20e-6)[1], "--from", "0.7", "--to", "3.7") == 0
-    assert json.loads((tmp_path / "out/agreement.json").read_text())["relative_rmse"] < 0.01
-
-
-def test_of_a_recording_with_gaps_the_longest_part_without_is_taken(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     _, data = recorded(DECAY, noise=20e-6)
+    (tmp_path / "decay.yaml").write_text(DECAY.to_yaml())
+
+    def agreement(*options: str) -> dict[str, Any]:
+        recording, out = table(tmp_path / "decay.csv", data), tmp_path / f"out{len(options)}"
+        given = ["--scene", str(tmp_path / "decay.yaml"), "--height", "0.017", "--out", str(out)]
+        assert main(["bag", "validate", str(recording), *given, *options]) == 0
+        return dict(json.loads((out / "agreement.json").read_text()))
+
+    assert agreement("--from", "0.7", "--to", "3.7")["relative_rmse"] < 0.01
     data[700:760, 2] = math.nan
     data[5000, 1] = math.nan
-    assert validate_decay(tmp_path, data) == 0
+    found = agreement()
     assert "0.76 to 4.999 s, " in capsys.readouterr().out
-    found = json.loads((tmp_path / "out/agreement.json").read_text())
     assert found["relative_rmse"] < 0.01
     assert (found["begin"], found["end"], found["without_gap"]) == (0.76, pytest.approx(4.999), True)
 
@@ -136,7 +128,7 @@ def test_of_a_recording_with_gaps_the_longest_part_without_is_taken(
     ],
 )
 def test_what_cannot_be_compared_is_one_line(
-    arguments: list[str], parts: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], parts: list[str], tmp_path: Path, capsys: Capture
 ) -> None:
     time = np.arange(4000) / RATE
     data = np.column_stack([time, 0.01 * np.sin(34.0 * time), 0.1 * np.cos(34.0 * time)])
@@ -148,7 +140,7 @@ def test_what_cannot_be_compared_is_one_line(
     refused(capsys, ["bag", "validate", *given, "--out", tmp_path / "out"], *parts)
 
 
-def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "scene.yaml").write_text("mine")
     refused(capsys, ["bag", "validate", BAG, "--out", tmp_path], "scene.yaml: exists")
     assert (tmp_path / "scene.yaml").read_text() == "mine"

@@ -32,7 +32,6 @@ class Rig:
     serial: int
     unplug: Callable[[], None]
     replug: Callable[[], None]
-    swap: Callable[[int], None]
     drop: Callable[[int], None] | None
     """None: this device stops rather than report lost scans."""
 
@@ -58,8 +57,8 @@ def rig(backend: str, folder: Path, environment: pytest.MonkeyPatch) -> Iterator
         def change(name: str, value: Any) -> None:
             setattr(faults, name, value)
 
-        plug, swap, drop = (partial(change, name) for name in ("plugged", "serial", "drop"))
-        yield Rig(simulated, SIMULATED_SERIAL, partial(plug, False), partial(plug, True), swap, drop)
+        plug, drop = (partial(change, name) for name in ("plugged", "drop"))
+        yield Rig(simulated, SIMULATED_SERIAL, partial(plug, False), partial(plug, True), drop)
         return
     name, library = ("LJM", "libLabJackM.so") if backend == "labjack" else ("DAQMX", "libnidaqmx.so")
     environment.setenv(f"ATPID_{name}_CONTROL", str(folder / "control"))
@@ -74,4 +73,4 @@ def rig(backend: str, folder: Path, environment: pytest.MonkeyPatch) -> Iterator
             return NiAcquisition(NiSettings(channels=channels(0, "ai"), rate=rate, grpc=address, **values))
 
         lose = control.drop if backend == "labjack" else None
-        yield Rig(vendor, SERIAL, control.unplug, control.replug, control.serial, lose)
+        yield Rig(vendor, SERIAL, control.unplug, control.replug, lose)

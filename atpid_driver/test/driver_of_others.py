@@ -4,16 +4,14 @@
 
     python driver_of_others.py SECONDS [KIND:RATE:LOSS:JITTER:REORDER ...]
 
-KIND: imu, state (both with a stamp), array, number or scans (10 scans of 2 numbers a message), each on others/KIND. A
-number published is the index of its scan, and the line printed the time of scan 0 [ns]: they state where what arrives
-belongs.
+KIND: state (with a stamp), array, number or scans (10 scans of 2 numbers a message), each on others/KIND. A number
+published is the index of its scan, and the line printed the time of scan 0 [ns]: they state where what arrives belongs.
 """
 
 import random
 import sys
 import time
 from collections.abc import Iterator
-from importlib import import_module
 
 import rclpy
 from atpid_interfaces.msg import CeilingState
@@ -23,15 +21,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from atpid_common.nodes.messages import time_of
 
-STAMPED = ("imu", "state")
-
 
 def message(kind: str, index: int, stamp_ns: int) -> object:
-    if kind == "imu":
-        imu = import_module("sensor_msgs.msg").Imu()
-        imu.header.stamp = time_of(stamp_ns)
-        imu.linear_acceleration.z, imu.angular_velocity.x = float(index), -float(index)
-        return imu
     if kind == "state":
         state = CeilingState(height=float(index), target=-float(index))
         state.header.stamp = time_of(stamp_ns)
@@ -54,7 +45,7 @@ def plan(
             continue
         stamp = due + (chance.uniform(-0.2, 0.2) / rate if jitter else 0.0)
         delay = chance.expovariate(1.0 / jitter) if jitter else 0.0
-        if kind not in STAMPED:  # nothing in a message would state its place
+        if kind != "state":  # nothing in a message would state its place
             last = max(due + delay, last)
             delay = last - due
         yield due + delay + (3.0 / rate if chance.random() < reorder else 0.0), kind, index, stamp

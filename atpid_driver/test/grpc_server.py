@@ -43,14 +43,8 @@ ARGUMENTS: dict[str, Callable[[Any], list[Any]]] = {
 def channel(request: Any, *sensor: Any) -> list[Any]:
     names = [request.physical_channel.encode(), request.name_to_assign_to_channel.encode()]
     limits = [c_double(request.min_val), c_double(request.max_val)]
-    return [
-        *names,
-        request.terminal_config_raw,
-        *limits,
-        request.units_raw,
-        *sensor,
-        request.custom_scale_name.encode(),
-    ]
+    scale = request.custom_scale_name.encode()
+    return [*names, request.terminal_config_raw, *limits, request.units_raw, *sensor, scale]
 
 
 class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]  # nidaqmx has no types

@@ -5,7 +5,6 @@
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -27,7 +26,7 @@ from atpid_driver.acquisition.contract import AcquisitionContract
 from atpid_driver.acquisition.labjack import LabJackAcquisition, load_ljm, skew_s
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.settings import LabJackSettings, NiSettings, checked
-from atpid_driver.standins import Control, Feed, StandinError, build
+from atpid_driver.standins import Control, Feed, build
 
 LJM, NIDAQMX = (build() / name for name in ("libLabJackM.so", "libnidaqmx.so"))
 MakeNi = Callable[..., NiAcquisition]
@@ -171,37 +170,6 @@ def test_register_set_up_is_written_and_a_stream_left_active_is_stopped_first(de
     other.stop()
 
 
-def test_rate_is_a_whole_number_of_clock_ticks(control: Control) -> None:
-    for asked in (1000.0, 999.97, 3333.3, 44_100.0):
-        with streaming(t7(rate=asked, scans=100)) as rate:
-            assert rate == 1e7 / round(1e7 / asked)
-
-
-def test_a_rate_above_the_resolutions_limit_is_a_scan_overlap(control: Control) -> None:
-    for index, limit in ((1, 100e3), (2, 39.6e3), (5, 4.4e3), (8, 630.0)):
-        fits, overlaps = (t7(rate=share * limit, resolution_index=index, scans=10) for share in (0.45, 0.55))
-        with streaming(fits):
-            fits.read()
-        with streaming(overlaps), pytest.raises(SetupRefusedError, match="2942"):
-            overlaps.read()
-
-
-def test_the_device_keeps_what_its_buffer_holds_and_skips_the_rest(control: Control) -> None:
-    """32768 bytes are 8192 scans of two channels; what came after them until the transfer went on is lost."""
-    made = t7(rate=50_000.0, scans=500)
-    with streaming(made):
-        held = made.read().next_index
-        control.stall(True)
-        resume = threading.Timer(0.4, control.stall, [False])
-        resume.start()
-        blocks = [made.read() for _ in range(60)]
-        resume.join()
-    lost = np.flatnonzero(np.isnan(np.concatenate([block.volts for block in blocks])[:, 0]))
-    assert blocks[-1].dropped == len(lost) > 5000
-    assert held + lost[0] >= 8192
-    assert np.array_equal(np.diff(lost), np.ones(len(lost) - 1))
-
-
 def test_overrun_shows_as_nan_and_the_rest_is_true(control: Control) -> None:
     made = t7(rate=50_000.0, scans=5000)
     with streaming(made):
@@ -215,43 +183,28 @@ def test_overrun_shows_as_nan_and_the_rest_is_true(control: Control) -> None:
     assert np.array_equal(data[valid, 0], 1.0 + (np.flatnonzero(valid) % 4096) / 1024.0)
 
 
-def test_a_held_channel_gives_one_voltage_until_it_is_released(device: LabJackAcquisition, control: Control) -> None:
-    device.read()
-    control.hold(1, 3.1)
-    device.read()  # part of it was there before
-    held = device.read().volts
-    assert (held[:, 1] == 3.1).all()
-    assert np.ptp(held[:, 0]) > 0.0
-    control.release(1)
-    device.read()
-    assert np.ptp(device.read().volts[:, 1]) > 0.0
-    with pytest.raises(StandinError, match=r"channel 16.*0.*15"):
-        control.hold(16, 0.0)
-
-
 def test_skew_is_15_us_and_8_us_above_60_khz() -> None:
     assert skew_s(1000.0, 3) == (0.0, 15e-6, 30e-6)
     assert skew_s(50_000.0, 2) == (0.0, 8e-6)
 
 
-@pytest.mark.parametrize(("capacity", "frames", "lost"), [(4096, 100, 0), (64, 120, 56)])
 def test_a_feed_arrives_scan_for_scan_and_one_faster_than_the_reader_is_an_overrun(
-    capacity: int, frames: int, lost: int, control: Control, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    control: Control, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0, capacity=capacity)) as feed:
+    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0, capacity=64)) as feed:
         monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{feed.path}")
         made = t7(rate=1000.0, scans=100, channels=channels(0, "AIN", count=1))
         made.open()
         feed.write(np.full((7, 2), 9.0))  # before the start: not seen
         made.start()
-        written = np.random.default_rng(1).uniform(1.0, 5.0, (frames, 2))
+        written = np.random.default_rng(1).uniform(1.0, 5.0, (120, 2))
         for part in np.array_split(written, 6):
             feed.write(part)
         block = made.read()
         made.stop()
         made.close()
-    assert block.dropped == lost  # by the newest 64
-    assert np.array_equal(block.volts[lost:, 0], written[lost:100, 0])
+    assert block.dropped == 56  # by the newest 64
+    assert np.array_equal(block.volts[56:, 0], written[56:100, 0])
 
 
 @pytest.mark.parametrize(
@@ -273,19 +226,12 @@ def test_without_the_library_one_line_names_what_to_install(name: str, terminal:
     assert done.stderr == ""
 
 
-def test_library_path_that_is_wrong_is_named() -> None:
-    with pytest.raises(ValueError, match=r"/nowhere/lib\.so"):
-        load_ljm("/nowhere/lib.so")
-
-
 @pytest.mark.parametrize(
     ("changes", "parts"),
     [
         ({"voltage_range": 5.0}, "10, 1, 0.1, 0.01"),
         ({"rate": -1.0}, "rate"),
         ({"channels": []}, "channels"),
-        ({"resolution_index": 9}, "resolution_index"),
-        ({"connection": "BLUETOOTH"}, "connection"),
         ({"channels": [{"name": "x", "terminal": "AIN99"}]}, "AIN0.*AIN13"),
     ],
 )

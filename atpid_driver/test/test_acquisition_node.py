@@ -4,26 +4,21 @@
 
 import math
 import re
-import shutil
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from acquisition_bench import TIMEOUT, Bench
+from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus
 
 from atpid_common.nodes.parameters import ParameterError
 from atpid_driver.acquisition import SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
-from atpid_driver.nodes import acquisition_node, labjack_node, ni_node
-from atpid_driver.nodes.acquisition_node import AcquisitionNode
+from atpid_driver.nodes import labjack_node, ni_node
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.ni_node import NiNode
 from atpid_driver.standins import Control, build
@@ -163,61 +158,31 @@ def test_diagnostics_carry_serial_rate_backlog_drops_and_drift(bench: Bench, t7:
     values = {pair.key: pair.value for pair in bench.status.values}
     assert float(values["rate [Hz]"]) == 1000.0
     assert math.isfinite(float(values["backlog [scans]"]))
-    names = {"dropped [scans]", "last error", "clock drift [ppm]", "clock offset [s]", "next index", "interruptions"}
-    assert names <= values.keys()
+    assert {"dropped [scans]", "last error", "clock drift [ppm]", "interruptions"} <= values.keys()
     t7.drop(40)
     bench.until(lambda: bench.has_event("40"))
     bench.until(lambda: any(block.dropped == 40 for block in bench.blocks))
     bench.until(lambda: "40" in bench.status.message)
 
 
-@pytest.mark.parametrize(
-    ("kind", "parameters", "control"), [(LabJackNode, laser, "t7"), (NiNode, acceleration, "module")]
-)
-def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(
-    bench: Bench,
-    kind: type[AcquisitionNode],
-    parameters: Callable[[], dict[str, object]],
-    control: str,
-    request: pytest.FixtureRequest,
-) -> None:
-    device: Control = request.getfixturevalue(control)
-    device.unplug()
-    node = bench.start(kind, **parameters())
+def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(bench: Bench, t7: Control) -> None:
+    t7.unplug()
+    node = bench.start(LabJackNode, **laser())
     bench.until(lambda: bench.faults())
     assert bench.lifecycle(node) == "unconfigured"
-    device.replug()
+    t7.replug()
     bench.until(lambda: len(bench.blocks) >= 2)
-    device.unplug()
+    t7.fail(2942)  # which once ended acquisition for good, and the cable is pulled as well
+    t7.unplug()
     bench.until(lambda: bench.has_event("trying again"))
-    device.replug()
+    t7.replug()
     bench.until(lambda: bench.recovered())
     count = len(bench.blocks)
     bench.until(lambda: len(bench.blocks) > count + 1)
     faults = bench.faults()
-    assert len(faults) == len(set(faults)) <= 3
+    assert len(faults) == len(set(faults)) <= 4
     assert all("\n" not in text for text in faults)
     assert every_scan_is_there_or_counted(bench)
-
-
-def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> None:
-    t7.serial(99)
-    node = bench.start(LabJackNode, **laser(serial=470012345))
-    bench.until(lambda: any({"T7", "99,", "470012345:"} <= set(text.split()) for text in bench.faults()))
-    assert bench.lifecycle(node) == "unconfigured"
-    bench.until(lambda: " 99," in bench.status.message)
-    t7.serial(470012345)
-    bench.until(lambda: bench.blocks)
-
-
-def test_a_library_that_is_missing_then_installed(bench: Bench, t7: Control, tmp_path: Path) -> None:
-    library = tmp_path / "libLabJackM.so"
-    node = bench.start(LabJackNode, **laser(library=str(library)))
-    bench.until(lambda: bench.has_event("labjack.com"))
-    assert bench.lifecycle(node) == "unconfigured"
-    shutil.copy(LIBRARIES / "libLabJackM.so", library)
-    bench.until(lambda: bench.blocks)
-    assert len(set(bench.faults())) == 1
 
 
 def test_configured_and_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
@@ -235,29 +200,6 @@ def test_configured_and_shut_down_by_hand_while_it_tries_to_start(bench: Bench, 
     assert bench.lifecycle(node) == "finalized"
 
 
-def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Control) -> None:
-    bench.start(LabJackNode, **laser(rate=90_000.0))
-    bench.until(lambda: bench.has_event("2942"))
-    bench.until(lambda: "2942" in bench.status.message)
-
-
-@pytest.mark.parametrize("code", [2942, 1309])
-def test_an_error_in_mid_stream_is_an_interruption_whatever_its_code(bench: Bench, t7: Control, code: int) -> None:
-    """LJM 2942 once ended acquisition for good; here the cable is pulled as well and plugged in again."""
-    bench.start(LabJackNode, **laser())
-    bench.until(lambda: len(bench.blocks) >= 3)
-    t7.fail(code)
-    bench.until(lambda: bench.has_event(f"LJM {code}"))
-    t7.unplug()
-    bench.until(lambda: bench.has_event("trying again"))
-    t7.replug()
-    bench.until(lambda: bench.recovered())
-    count = len(bench.blocks)
-    bench.until(lambda: len(bench.blocks) > count + 2)
-    assert bench.blocks[-1].dropped > 0
-    assert every_scan_is_there_or_counted(bench)
-
-
 @pytest.mark.parametrize(
     ("change", "parts"),
     [
@@ -266,11 +208,8 @@ def test_an_error_in_mid_stream_is_an_interruption_whatever_its_code(bench: Benc
             {"calibrations": ["laser_beam.yaml", "laser_support.yaml"]},
             "support_displacement.*beam_displacement.*calibrations",
         ),
-        ({"calibrations": ["laser_support.yaml"]}, "calibrations"),
         ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, r"none\.yaml"),
         ({"backend": "serial"}, "backend.*labjack_node.*'serial'.*'labjack', 'nidaqmx', 'simulated'"),
-        ({"voltage_range": 7.0}, "10, 1, 0.1"),
-        ({"rate": -3.0}, "rate"),
         ({"kinds": ["charge"]}, "kind"),
     ],
 )
@@ -288,22 +227,6 @@ def test_bad_parameters_end_the_program_with_status_2_and_one_line(capfd: pytest
     assert ni_node.main(["--ros-args", "--params-file", "none.yaml"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert {"error:", "none.yaml:"} <= set(line.split())
-
-
-def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
-    shipped = Path(__file__).parents[1] / "config" / "labjack.yaml"
-    command = [sys.executable, "-m", "atpid_driver.nodes.labjack_node", "--ros-args", "--params-file", str(shipped)]
-    command += ["-p", "backend:=simulated", "-p", "handshake:=false", "-p", "real_time_priority:=0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    bench.until(lambda: bench.blocks)
-    for _ in range(2):  # as `ros2 launch` does
-        process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=TIMEOUT)
-    assert process.returncode == 0
-    lines = [line.split("]: ")[-1] for line in output.splitlines()]
-    assert len(lines) == 3  # connected, streams, stopped
-    assert all("simulated:1" in line for line in lines)
-    assert re.search(r" [1-9]\d* scans.* 0 ", lines[-1])
 
 
 OWN = """
@@ -344,6 +267,9 @@ def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path, bench: B
     assert node.get_parameter("gain").value == 4.0
     assert node.describe_parameter("gain").description.endswith("[1]")
     assert {"off", "on"} <= set(node.describe_parameter("filter").additional_constraints.replace(",", "").split())
+    for change, parts in (({"gain": 0.0}, r"gain.* 0 .*0\.1"), ({"filter": "x"}, "filter.*'off', 'on'")):
+        with pytest.raises(ParameterError, match=parts):
+            bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING, **change)
 
 
 @pytest.mark.parametrize(
@@ -354,51 +280,17 @@ def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path, bench: B
         ("number", "BACKEND = 3", r"int: .*atpid_driver\.acquisition\.registry\.Backend"),
     ],
 )
-def test_a_plug_in_that_does_not_load_is_one_line(site: Path, name: str, module: str, parts: str) -> None:
+def test_a_plug_in_that_does_not_load_or_is_none_is_one_line(site: Path, name: str, module: str, parts: str) -> None:
     distribution(site, f"registry_{name}", "bad", module)
     where = rf"'bad' of registry_{name}:BACKEND \(registry_{name} 1\.0\)"
     with pytest.raises(SetupRefusedError, match=rf"^backend {where} .*{parts}[^\n]*$"):
         backend("bad")
-
-
-def test_a_name_that_exists_twice_or_not_at_all_is_refused(site: Path) -> None:
-    distribution(site, "registry_one", "same")
-    distribution(site, "registry_two", "same")
+    distribution(site, "registry_two", "bad")
     distribution(site, "registry_three", "labjack")
-    for name, parts in (
-        ("same", "'same'.*registry_one:BACKEND.*"),
+    for other, named in (
+        ("bad", "'bad'.*registry_two:BACKEND.*"),
         ("labjack", "'labjack'.*built-in.*registry_three"),
         ("steam", "'steam'.*labjack, nidaqmx, simulated"),
     ):
-        with pytest.raises(SetupRefusedError, match=parts):
-            backend(name)
-
-
-@pytest.mark.parametrize("node", [acquisition_node, labjack_node])
-def test_a_node_whose_plug_in_does_not_load_ends_with_one_line_and_status_2(
-    site: Path, capfd: pytest.CaptureFixture[str], node: object
-) -> None:
-    distribution(site, "broken", "broken", "import no_such_package")
-    wiring = ["rate:=1000.0", "channels:=[a]", "terminals:=[x]", "calibrations:=[a.yaml]"]
-    arguments = [word for value in ("backend:=broken", *wiring) for word in ("-p", value)]
-    assert node.main(["--ros-args", *arguments]) == 2  # type: ignore[attr-defined]
-    (line,) = capfd.readouterr().err.splitlines()
-    assert {"error:", "'broken'", "broken:BACKEND", "'no_such_package'"} <= set(line.split())
-
-
-@pytest.mark.parametrize(
-    ("change", "parts"), [({"gain": 0.0}, r"gain.* 0 .*0\.1"), ({"filter": "x"}, "filter.*'off', 'on'")]
-)
-def test_a_setting_of_a_plug_in_out_of_its_range_is_refused(
-    site: Path, bench: Bench, change: dict[str, object], parts: str
-) -> None:
-    distribution(site, "registry_range", "own")
-    with pytest.raises(ParameterError, match=parts):
-        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING, **change)
-
-
-def test_a_setting_that_is_no_parameter_is_refused(site: Path, bench: Bench) -> None:
-    settings = OWN.replace("gain: float = setting(2.0", "gain: complex = setting(2j")
-    distribution(site, "registry_type", "own", settings.replace(', "1", 0.1, 100.0)', ")"))
-    with pytest.raises(SetupRefusedError, match=r"gain of OwnSettings.* bool"):
-        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING)
+        with pytest.raises(SetupRefusedError, match=named):
+            backend(other)

@@ -3,7 +3,6 @@
 """Calibration files, conversion both ways, and the command that makes a file from readings."""
 
 import os
-import re
 from functools import partial
 from pathlib import Path
 
@@ -69,7 +68,6 @@ def test_volts_and_back(metres: list[float], bend: float) -> None:
         ({"broken_loop_volts": 2.0}, "broken_loop_volts"),
         ({"coefficients": [0.0, 1.0, -0.2]}, "two voltages"),
         ({"date": "yesterday"}, "date"),
-        ({"sensor": None}, "sensor"),
     ],
 )
 def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, change: dict[str, object], words: str) -> None:
@@ -94,16 +92,6 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "none.yaml", Path("/dev/zero")):  # which is not read: it does not end
         with pytest.raises(CalibrationError, match=str(path)):
             load(path)
-
-
-@given(st.binary(max_size=200))
-@example(b"\x00")
-def test_whatever_is_in_a_file_the_error_is_one_line(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.yaml"
-    path.write_bytes(content)
-    with pytest.raises(CalibrationError, match=r"any\.yaml") as caught:
-        load(path)
-    assert "\n" not in str(caught.value)
 
 
 @given(
@@ -169,14 +157,6 @@ def test_a_cubic_is_found_exactly() -> None:
     assert result.residual_std < 1e-15
 
 
-def test_residuals_that_bend_are_pointed_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    readings(tmp_path / "readings.csv", noise=4e-4, degree=2)
-    assert main(command(tmp_path)) == 0
-    assert re.search("hint.*degree 2", capsys.readouterr().out)
-    assert main(command(tmp_path, "--degree", "2", "--force")) == 0
-    assert "hint" not in capsys.readouterr().out
-
-
 @given(st.binary(max_size=60), st.sampled_from([b"", b"position,volts\n", b"volts,position,position\n"]))
 @example(b"1,2\x00", b"position,volts\n")
 @example(b'"' + b"1" * 200_000, b"position,volts\n")
@@ -234,12 +214,13 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
     assert (made.serial, made.readings, made.broken_loop_volts) == ("A17", 27, 0.9)
     assert made.limits_volts == pytest.approx((1.1, 4.9), abs=2e-3)
     assert (tmp_path / "laser.png").read_bytes().startswith(b"\x89PNG")
-    output = capsys.readouterr().out
-    assert "residual [m]" in output
-    assert len(output.splitlines()) > 27
+    capsys.readouterr()
     assert main(command(tmp_path)) == 2  # a calibration is not overwritten by accident
     assert "--force" in capsys.readouterr().err
-    assert main(command(tmp_path, "--force")) == 0
+    readings(tmp_path / "readings.csv", noise=4e-4, degree=2)
+    for degree, hint in (("1", True), ("2", False)):  # residuals that bend are pointed out
+        assert main(command(tmp_path, "--degree", degree, "--force")) == 0
+        assert ("hint" in capsys.readouterr().out) == hint
 
 
 @pytest.mark.parametrize(
@@ -247,7 +228,7 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
     [
         ("a,b\n1,2\n", "position, volts"), ("position,volts\n0.1,x\n", "line 2"),
         ("position,volts\n0.1,nan\n", "finite"), ("position,volts\n0.1,1\n0.2,2\n", "at least 3"),
-        ("position,volts\n0.1,3\n0.2,3\n0.3,3\n", "same voltage"), ("", "position, volts"),
+        ("position,volts\n0.1,3\n0.2,3\n0.3,3\n", "same voltage"),
         ("position,volts\n0.0,1\n0.1,2\n0.01,3\n0.09,2.5\n0.05,1.5\n", "same m"),
     ],
 )  # fmt: skip

@@ -235,7 +235,7 @@ def test_a_file_that_is_no_bounded_signal_is_refused_in_one_line_by_who_reads_it
     path = tmp_path / "signal.txt"
     for text in (
         "0 0\n1 1\n1e12 0", "0 0\n1 1\n2e5 0", "0 0\n0 1\n1 0", "0 0\n1 nan\n2 0", "0 0\n1e-9 1\n2 0",
-        "1 2 3\n2 3 4", "0 1\n1 1\n2 1", "", "words", "0 0\n-1 1", "0 0",
+        "1 2 3\n2 3 4", "0 1\n1 1\n2 1", "", "words", "0 0\n-1 1",
     ):  # fmt: skip
         path.write_text(text)
         with pytest.raises(FileError, match=r"^.*signal\.txt.*$"):

@@ -316,6 +316,17 @@ def test_a_stop_discards_a_height_that_was_not_written_yet(armed: Stops, word: s
     assert armed.board.executed == []
 
 
+def test_armed_after_the_board_had_stopped_itself_unread_the_same_height_is_sent_again(moving: Stops) -> None:
+    """The host hung for longer than the heartbeat, and was armed before it read the fault."""
+    moving.now += 0.6
+    moving.board.advance(moving.now)
+    assert moving.board.mode is Mode.FAULT
+    moving.dialogue.arm(moving.now)
+    moving.go(100_000, 2)
+    moving.drive(0.3)
+    assert [target for _, _, target in moving.board.executed] == [100_000, 100_000]
+
+
 def test_a_height_after_a_stop_waits_until_that_is_confirmed(moving: Stops) -> None:
     moving.delay = 0.1
     moving.dialogue.hold(2, moving.now)

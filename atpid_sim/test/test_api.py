@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`import atpid_sim as ap`: the same numbers as the modules below it, with names, units and pictures."""
 
-import re
-import subprocess
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -26,12 +23,6 @@ SCENE = ap.standard_bench(contact={"law": "impact", "restitution": 0.2}, duratio
 LOW = SCENE.with_(height=0.1)
 
 
-def test_importing_it_loads_nothing() -> None:
-    text = "import sys, atpid_sim; print({'numpy', 'numba', 'pydantic', 'atpid_sim.api'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
-
-
 def test_every_name_is_there_and_no_other() -> None:
     assert {name for name in dir(ap) if not hasattr(ap, name)} == set()
     assert set(dir(ap)) == {*api.__all__, "__version__"}
@@ -39,12 +30,6 @@ def test_every_name_is_there_and_no_other() -> None:
         _ = ap.simulat  # type: ignore[attr-defined]
     with refused(ap.SceneError, "scene", "'a.yaml'", "Scene"):
         ap.simulate("a.yaml")  # type: ignore[arg-type]
-
-
-def test_bags_are_of_another_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
-    with refused(AttributeError, "open_run", "atpid_control"):
-        _ = ap.open_run  # type: ignore[attr-defined]
 
 
 def test_a_run_is_the_run() -> None:
@@ -57,9 +42,7 @@ def test_a_run_is_the_run() -> None:
     assert table.attrs["motion"] == result.motion
 
 
-@pytest.mark.parametrize(
-    ("first", "last", "count"), [(0.0, 8.0, 801), (0.0, 8.0, 7919), (6.5, 8.0, 333), (0.3, 7.7, 2)]
-)
+@pytest.mark.parametrize(("first", "last", "count"), [(0.0, 8.0, 7919), (6.5, 8.0, 333), (0.3, 7.7, 2)])
 def test_instants_are_those_asked_for(first: float, last: float, count: int) -> None:
     instants = np.linspace(first, last, count)
     motion = ap.trajectory(LOW, t_eval=instants)
@@ -105,11 +88,8 @@ def test_a_sweep_is_its_runs() -> None:
         assert swept.beam_amplitudes[m, a, h] == pytest.approx(run.amplitude, rel=1e-4)
         assert swept.efficiencies[m, a, h] == pytest.approx(run.efficiency, abs=1e-3)
         assert swept.reductions[m, a, h] == pytest.approx(run.reduction, abs=1e-3)
-    table = swept.to_xarray()
-    assert table.beam_amplitudes.dims == ("mass_fractions", "amplitudes", "heights")
     place = {"mass_fractions": 0.2, "amplitudes": 0.01, "heights": heights[1]}
-    assert table.beam_amplitudes.sel(place) == swept.beam_amplitudes[1, 1, 1]
-    assert len(swept.plot().get_legend_handles_labels()[1]) == 4
+    assert swept.to_xarray().beam_amplitudes.sel(place) == swept.beam_amplitudes[1, 1, 1]
 
 
 def test_a_map_is_its_best_heights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,30 +101,5 @@ def test_a_map_is_its_best_heights(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert best == maps.best_height(damper, 0.01)
     assert made.heights[0, 1] == pytest.approx(best.height, rel=0.2)  # a map stays in one well
     assert ap.best_height(SCENE, bounds=(0.03, 0.08)).height <= 0.08
-    line = made.plot().get_lines()[0]
-    assert np.array_equal(line.get_ydata(), made.heights[0])
     assert made.to_xarray().heights.dims == ("mass_fractions", "amplitudes")
-    wide = ap.height_map(SCENE, [0.008, 0.01], [0.1], frequency_ratios=[0.95, 1.0])
-    assert wide.to_xarray().heights.dims == ("frequency_ratios", "mass_fractions", "amplitudes")
     assert list(tmp_path.iterdir()) == [tmp_path / "map.npz"]
-
-
-def test_what_a_force_drives_has_its_unit() -> None:
-    pushed = LOW.with_(drive="force", excitation={"amplitude": 3.0, "frequency": "resonance"})
-    assert ap.trajectory(pushed, t_eval=np.linspace(0.0, 1.0, 11)).to_xarray().support.units == "N"
-    assert ap.sweep(pushed, [0.1]).unit_of("amplitudes") == "N"
-
-
-def test_a_result_prints_names_values_and_units() -> None:
-    motion = ap.trajectory(LOW, t_eval=np.linspace(0.0, 8.0, 801))
-    assert re.search(r"time +array +\(801,\), +0 +to +8 +s\n", repr(motion))
-    assert re.search(rf"amplitude +{ap.simulate(LOW).amplitude:.6g} +m", repr(ap.simulate(LOW)))
-    assert np.array_equal(motion.plot().get_lines()[0].get_ydata(), motion.beam)
-
-
-@pytest.mark.parametrize(("library", "call"), [("xarray", "to_xarray"), ("matplotlib", "plot")])
-def test_a_library_that_is_missing_is_named(library: str, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    motion = ap.trajectory(LOW, t_eval=[0.0, 1.0])
-    monkeypatch.setitem(sys.modules, library, None)
-    with refused(InputError, call, library):
-        getattr(motion, call)()

@@ -3,11 +3,9 @@
 """Many runs on all cores give what one after the other gives; interrupted ones go on where they stopped."""
 
 import json
-import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -16,24 +14,12 @@ import pytest
 from sim_program import PROGRAM
 from sim_refusals import has_parts, refused
 
-from atpid_sim.scene import load_scene
 from atpid_sim.simulation.batch import Batch, Workers, cores, on_all_cores
 from atpid_sim.simulation.journal import JournalError, Record
-from atpid_sim.simulation.simulate import simulate
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
 #: Starts a program that Ctrl-C ends: a shell's background job, which these tests may be, ignores it.
 START = ["env", "--default-signal=INT"]
-
-
-def test_many_systems_give_what_each_gives_alone() -> None:
-    scene = load_scene(SCENE)
-
-    def amplitude(height: float) -> float:
-        return simulate(scene.with_(height=height), "soft", check=False).amplitude
-
-    heights = [0.04, 0.08, 0.12, 0.16, 0.2]
-    assert Batch(amplitude, heights).run() == [amplitude(height) for height in heights]
 
 
 def test_the_first_error_ends_the_rest() -> None:
@@ -111,25 +97,3 @@ def test_ctrl_c_ends_a_map_in_one_line(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert re.search(rf"\d+ of \d+ .*{journal}", printed.splitlines()[-1])
     assert "Traceback" not in printed
-
-
-def test_ctrl_c_ends_processes_that_are_still_loading_without_a_traceback() -> None:
-    program = (
-        "import time; from atpid_common.cli import guarded; from atpid_sim.simulation.batch import Batch, Workers\n"
-        "raise SystemExit(guarded(lambda: len(Batch(time.sleep, (600.0, 601.0), processes=True).run(Workers(2)))))"
-    )
-    with subprocess.Popen(
-        [*START, sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        while process.poll() is None and len(children.read_text().split()) < 3:  # two workers and their tracker
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(0.001)
-        os.killpg(process.pid, signal.SIGINT)
-        printed, _ = process.communicate()
-    assert re.fullmatch(r".*0 of 2 .*\n", printed)
-    assert process.returncode == 130

@@ -11,8 +11,6 @@ import pytest
 from sim_program import main
 from sim_refusals import command_refused, has_parts
 
-from atpid_sim.maps import HeightMap
-
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = str(SCENES / "standard.yaml")
 
@@ -25,21 +23,8 @@ def test_simulate_prints_one_object_and_nothing_else(capsys: pytest.CaptureFixtu
     assert result["amplitude"] == pytest.approx(0.0456498856, rel=2e-6)
     keys = "undamped_amplitude efficiency motion impacts fidelity error_estimate reproducible energy_residual"
     assert {*keys.split(), "wall_s", "result"} <= set(result)
-
-
-def test_simulate_without_json_is_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", STANDARD, "--fidelity", "impact"]) == 0
-    words = capsys.readouterr().out.split()
-    assert {"amplitude", "contacts", "resonance", "5.46997"} <= set(words)
-    assert "default:" not in words  # sensors, recording and seed play no part here
-
-
-def test_a_default_that_decides_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = edited(tmp_path, "steady_window: [14.0, 16.0]\n", "")
-    assert main(["simulate", scene, "--fidelity", "impact"]) == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("default: ")]
-    (line,) = lines
-    has_parts(line, ("steady_window", "[14.0, 16.0]"))
+    for wrong in ([], ["fly"], ["simulate"], ["simulate", STANDARD, "--rtol", "2"]):
+        assert main(wrong) == 2
 
 
 def edited(tmp_path: Path, old: str, new: str, scene: str = "standard") -> str:
@@ -69,33 +54,14 @@ def test_an_unusual_value_is_run_and_named_with_its_usual_range(
     output = capsys.readouterr()
     warned = json.loads(output.out)["warnings"]
     has_parts(warned[0], ("excitation", "amplitude", "10 m", "1e-06", "0.2 m"))
-    has_parts(warned[1], ("222.4 m",))
     assert output.err == ""
     assert main(["simulate", scene, "--fidelity", "simplified"]) == 0
     assert f"warning: {warned[0]}" in capsys.readouterr().out
-
-
-def test_a_failure_names_what_is_unusual_in_its_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = edited(tmp_path, "amplitude: 0.01", "amplitude: 10")
     command = ["simulate", scene, "--fidelity", "soft", "--height", "10"]
     command_refused(capsys, command, 3, "deeper", "radius", "excitation", "amplitude", "10 m")
 
 
-def test_a_chaotic_run_shows_its_spread(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", str(SCENES / "irregular.yaml")]) == 0
-    text = capsys.readouterr().out
-    (spread,) = [line for line in text.splitlines() if "spread" in line]
-    least, most, median = map(float, re.findall(r"0\.\d+", spread))
-    assert least < median < most
-    assert median == pytest.approx(0.082, rel=0.05)  # of 32 runs, which other processors round to others
-    assert 0.1 * median < most - least < 0.5 * median
-    assert re.search(r"not +reproducible.* 5\d .* 6\d %", text)
-
-
 def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", str(SCENES / "free_decay.yaml")]) == 0
-    text = capsys.readouterr().out
-    assert [part in text for part in ("1.77", "1.3098", "irregular", "efficiency")] == [True, True, False, False]
     assert main(["simulate", str(SCENES / "free_decay.yaml"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["decrement"] == pytest.approx(1.7703, rel=1e-4)
@@ -105,36 +71,19 @@ def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture
 
 
 def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table, arrays, picture = tmp_path / "new" / "run.csv", tmp_path / "run.npz", tmp_path / "run.png"
-    command = ["simulate", STANDARD, "--series", str(table), "--rate", "500", "--picture", str(picture)]
-    assert main(command) == 0
+    table, arrays = tmp_path / "new" / "run.csv", tmp_path / "run.npz"
+    assert main(["simulate", STANDARD, "--series", str(table), "--rate", "500"]) == 0
     header, *rows = table.read_text().splitlines()
     assert header.split(",")[:3] == ["time", "support_displacement", "beam_displacement"]
     assert len(rows) == 8001
     window = np.loadtxt(table, delimiter=",", skiprows=1)[7000:, 2]
     assert 0.5 * np.ptp(window) == pytest.approx(0.04565, rel=2e-3)
-    assert picture.read_bytes().startswith(b"\x89PNG")
     driven = edited(tmp_path, "{amplitude: 0.01, frequency: resonance}", f"{{series: {{file: {table}}}}}")
     assert main(["simulate", driven, "--json", "--series", str(arrays)]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["amplitude"] == pytest.approx(0.04565, rel=1e-3)
     with np.load(arrays) as kept:
         assert len(kept["impacts"]) > 100
         assert len(kept["time"]) == 16001
-
-
-def test_a_fidelity_that_cannot_take_the_scene_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    law = "tsuji, young_modulus: 2.1e8, poisson_ratio: 0.2, damping_ratio: 1.0"
-    scene = edited(tmp_path, law, "impact, restitution: 0.15")
-    command_refused(capsys, ["simulate", scene, "--fidelity", "soft"], 2, "soft", "impact", "force")
-
-
-def test_map_writes_a_map_and_a_header(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, header = tmp_path / "map.npz", tmp_path / "table.h"
-    arguments = ["map", STANDARD, "--amplitudes", "0.01:0.02:3", "--mass-fractions", "0.1", "--out", str(out)]
-    assert main([*arguments, "--header", str(header)]) == 0
-    assert "3/3" in capsys.readouterr().err
-    assert np.allclose(HeightMap.load(out).amplitudes, [0.01, 0.015, 0.02])
-    assert "#define ATPID_TABLE_N 3" in header.read_text()
 
 
 def test_one_amplitude_that_cannot_be_computed_does_not_cost_the_map(
@@ -148,8 +97,7 @@ def test_one_amplitude_that_cannot_be_computed_does_not_cost_the_map(
     assert re.search("--amplitudes.*0.25", output.err)
     with np.load(out) as stored:
         assert np.isnan(stored["heights"]).tolist() == [[False, True, True]]
-    text = header.read_text()
-    assert text.count(", 0, 0}") == 1
+    assert header.read_text().count(", 0, 0}") == 1
 
 
 @pytest.mark.parametrize(
@@ -185,8 +133,3 @@ def test_bad_input_is_one_line_and_status_two(
     monkeypatch.chdir(tmp_path)
     command_refused(capsys, command.split(), 2, named)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["simulate"], ["simulate", STANDARD, "--rtol", "2"]])
-def test_a_command_that_does_not_parse_is_status_two(arguments: list[str]) -> None:
-    assert main(arguments) == 2

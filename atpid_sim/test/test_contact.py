@@ -65,9 +65,6 @@ def test_parameters_are_those_of_table_3_2() -> None:
     small = SCENE.with_(grain={"mass_fraction": 0.05, "radius": 0.005}, ceiling={"height": 0.1})
     assert contact_of(small).parameters[0] == pytest.approx(1.031e7, rel=5e-4)
     assert contact_of(small).parameters[1] == pytest.approx(841.0, rel=5e-4)
-
-
-def test_a_stiffer_wall_makes_a_stiffer_contact() -> None:
     rigid = contact("hertz", wall_young_modulus=1e16).parameters[0]
     assert rigid == pytest.approx(2.0 * contact("hertz").parameters[0], rel=1e-7)
 
@@ -105,9 +102,7 @@ def test_damping_found_for_a_restitution_gives_it_back(e: float) -> None:
     assert damped_restitution(damping_ratio_for(e)) == pytest.approx(e, rel=1e-9)
 
 
-def test_a_linear_law_given_by_its_restitution_has_it_in_the_damper() -> None:
-    law = contact_of(SCENE.with_(contact={"law": "linear", "stiffness": 1e5, "restitution": 0.4}))
-    assert restitution_of(law, 1.0, reduced_mass(system_of(SCENE))) == pytest.approx(0.4, rel=1e-9)
+def test_a_hysteretic_law_given_by_its_restitution_has_it() -> None:
     law = contact_of(SCENE.with_(contact={"law": "walton_braun", "stiffness": 1e5, "restitution": 0.4}))
     assert restitution_of(law, 1.0, 1.0) == pytest.approx(0.4, rel=1e-12)
 
@@ -196,14 +191,6 @@ def test_the_static_force_is_the_slope_of_the_energy(name: str, overlap: float) 
     assert (above - below) / (2.0 * step) == pytest.approx(force, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", [name for name in SOFT if not HYSTERETIC[NAMES.index(name)]])
-@given(st.floats(1e-9, 1e-3))
-def test_laws_continue_oddly_below_zero(name: str, overlap: float) -> None:
-    law = contact(name)
-    inside = float(laws.force(law.law, overlap, 0.0, 0.0, law.parameters))
-    assert float(laws.force(law.law, -overlap, 0.0, 0.0, law.parameters)) == pytest.approx(-inside, rel=1e-12)
-
-
 @pytest.mark.parametrize("name", SOFT)
 @settings(max_examples=30, deadline=None)
 @given(
@@ -222,12 +209,6 @@ def test_no_contact_creates_energy(name: str, log_speed: float, log_e: float, be
     scene = SCENE.with_(contact=spec, mass_fraction=fraction)
     e = restitution_of(contact_of(scene), 10.0**log_speed, reduced_mass(system_of(scene)))
     assert 0.0 <= e <= 1.0
-
-
-def test_an_impact_has_no_force() -> None:
-    law = contact("impact")
-    assert math.isnan(laws.force(law.law, 1e-4, 0.0, 0.0, law.parameters))
-    assert restitution_of(law, 1.0, 1.0) == 0.6
 
 
 #: Of a grain of 6 mm radius, of 7 g: of steel.
@@ -258,11 +239,6 @@ def test_a_name_stands_for_its_numbers(name: str) -> None:
     assert block_of(named).hertz_stiffness(0.01) == pytest.approx(4.0 / 3.0 * 0.5 * system * 0.1)
 
 
-def test_a_number_counts_more_than_a_name() -> None:
-    contact = block_of(scene(material="pom", young_modulus=1e9))
-    assert (contact.young_modulus, contact.poisson_ratio) == (1e9, MATERIALS["pom"].poisson_ratio)
-
-
 def test_a_modulus_of_another_material_than_the_density_is_named() -> None:
     soft = scene(young_modulus=THESIS_MODULUS, poisson_ratio=0.2).with_(**BALL)
     assert [line for line in soft.warnings() if "steel" in line]
@@ -270,13 +246,6 @@ def test_a_modulus_of_another_material_than_the_density_is_named() -> None:
     # the thesis's own grain has no material's density
     for fitting in (scene(material="steel").with_(**BALL), SCENE):
         assert not [line for line in fitting.warnings() if "steel" in line]
-
-
-@pytest.mark.parametrize("name", MATERIALS)
-def test_every_material_fits_itself(name: str) -> None:
-    one = MATERIALS[name]
-    assert mismatch(one.density, one.young_modulus) == ""
-    assert one.source.startswith(("C, ", "A, "))
 
 
 def elastic(stiffness: float, mass: float, speed: float) -> tuple[float, float]:

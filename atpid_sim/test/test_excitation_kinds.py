@@ -9,9 +9,7 @@ that of the support; Duhamel's integral of its deflection.
 import io
 import json
 import math
-import pickle
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,6 @@ from sim_program import main
 from sim_refusals import command_refused, has_parts, refused
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, SeriesExcitation, scene_from_mapping, standard_bench
 from atpid_sim.scene.density import band_power
 from atpid_sim.scene.series import read_series
@@ -115,20 +112,6 @@ def test_the_spline_of_a_random_motion_is_within_1e_8() -> None:
     assert np.abs(coarse - at(rows, times)).max() < 16.0 * 1e-8 * size
 
 
-def test_a_realisation_of_another_density_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = np.random.default_rng(1)
-    louder = SimpleNamespace(standard_normal=lambda shape: 2.0 * drawn.standard_normal(shape))
-    random = SimpleNamespace(default_rng=lambda seed: louder)
-    monkeypatch.setattr(signals, "np", SimpleNamespace(**vars(np) | {"random": random}))
-    with refused(NumericalFailure, "excitation.random", "3.87", "3.24"):
-        support_rows(driven(random=PSD))
-
-
-def test_many_seeds_and_short_runs_agree_with_their_density() -> None:
-    for seed in range(150):
-        support_rows(driven(0.6 + 0.05 * seed, random={**PSD, "seed": seed}))
-
-
 def test_a_shock_deflects_the_beam_as_duhamel_s_integral_does() -> None:
     peak, pulse, begin, back = -30.0, 0.05, 0.5, 1.2
     shock = {"acceleration": peak, "duration": pulse, "at": begin, "compensation": back}
@@ -191,7 +174,6 @@ def test_a_recorded_acceleration_is_integrated_without_its_offset(jitter: float,
     ("excitation", "parts"),
     [
         ({"tones": [{"amplitude": 0.1, "frequency": 5.0}] * 3}, "excitation, amplitude: 0.3 m"),
-        ({"tones": [{"amplitude": 0.1, "frequency": 500.0}]}, "excitation.tones, resonance: 91.41"),
         ({"random": {**PSD, "unit": "m^2/Hz"}}, "excitation, amplitude: 3."),
         ({"random": {**PSD, "rise": 28.0}}, "steady_window, rise 0.9375"),
         ({"shock": {"acceleration": 100.0, "duration": 0.02}}, "excitation.shock, displacement 1.177 m"),
@@ -210,24 +192,17 @@ def test_an_unusual_drive_is_named(excitation: dict[str, Any], parts: str) -> No
         (0.4, {"random": PSD}, "excitation.random 2 Hz 0.1 s"),
         (9.0, {"random": {**PSD, "rise": 5.0}}, "excitation.random 2 Hz 5"),
         (2.0, {"shock": {"acceleration": 9.0, "duration": 0.1, "at": 1.0}}, "excitation.shock"),
-        (9.0, {"tones": []}, "excitation.tones []"),
         (9.0, {"tones": [{"amplitude": 1.0, "frequncy": 2.0}]}, "excitation.tones[0].frequncy f"),
         (9.0, {"random": {**PSD, "unit": "g/Hz"}}, "excitation.random.unit 'g/Hz' 'm^2/Hz' (m/s^2)^2/Hz"),
         (9.0, {"random": {**PSD, "psd": [[2.0, 1.0], [1.0, 1.0]]}}, "excitation.random.psd 1.0 rising"),
-        (9.0, {"random": {**PSD, "psd": [[2.0, 1.0], [3.0, 0.0]]}}, "excitation.random.psd 0.0 densities"),
         (9.0, {"shock": {"duration": 0.1}}, "excitation.shock acceleration disp"),
-        (9.0, {"shock": {"duration": 0.1, "acceleration": 1.0, "form": "saw"}}, "excitation.shock.form 'saw'"),
-        (9.0, {"series": {"file": __file__, "acceleration": "a"}}, "excitation.series.file"),
         (
             1000.0,
             {"amplitude": 0.01, "frequency": [[0.0, 50.0], [1000.0, 51.0]]},
             "excitation.frequency 50 1000 s 25000",
         ),
-        (1000.0, {"sweep": {"amplitude": 1.0, "from": 1.0, "to": 1000.0}}, "excitation.sweep 50 1000 s 25000"),
         (9.0, {"amplitude": 0.01, "frequency": [[0.0, 5.0], [0.0, 6.0]]}, "excitation.frequency rising"),
         (9.0, {"amplitude": 0.01, "frequency": [[0.0, -1.0]]}, "excitation.frequency 1e-06"),
-        (9.0, {"amplitude": 0.01, "frequency": [[0.0]]}, "excitation.frequency pair"),
-        (9.0, {"amplitude": 0.01, "frequency": []}, "excitation.frequency 1"),
         (9.0, {"amplitude": 0.01, "frequency": [[0.0, "fast"]]}, "excitation.frequency number"),
     ],
 )
@@ -267,34 +242,9 @@ def test_the_support_is_the_sine_of_the_integrated_frequency() -> None:
     expected = amplitude * np.sin(2.0 * math.pi * np.interp(times, fine, turns))
     # 2.5e-9 by the spline, 1e-8 by the integral beside the kinks
     assert np.abs(at(rows, times) - expected).max() < 5e-8 * 0.01 + 2e-7 * 0.01
-
-
-def test_rows_follow_each_other_without_a_gap_or_a_jump() -> None:
-    rows = support_rows(moving())
-    assert (rows[0, columns.START], rows[-1, columns.END]) == (0.0, 8.0)
-    assert np.array_equal(rows[1:, columns.START], rows[:-1, columns.END])
-    for t in (2.0, 3.0, 4.0, 5.0, 5.01):
-        before, after = at(rows, np.array([t - 1e-9, t + 1e-9]))
-        assert after == pytest.approx(before, abs=2e-9)
     scene = moving()
     assert [frequency_at(scene, t) for t in (0.0, 3.0, 4.5, 8.0)] == pytest.approx([5.2, 5.4, 5.6, 5.3])
     assert scene_from_mapping(read_yaml(scene.to_yaml(), "again")) == scene
-
-
-def test_a_frequency_given_as_one_point_or_without_a_change_is_a_tone() -> None:
-    tone = support_rows(standard_bench(excitation={"amplitude": 0.01, "frequency": 5.2}))
-    for points in ([[3.0, 5.2]], [[0.0, 5.2], [4.0, 5.2]]):
-        same = standard_bench(excitation={"amplitude": 0.01, "frequency": points})
-        assert not same.frequency_moves
-        assert np.array_equal(support_rows(same), tone)
-
-
-def test_a_run_ends_like_that_of_its_last_frequency() -> None:
-    """Closed forms: the closed damper, and its own transients gone after 24 s of the last frequency."""
-    ended = moving(duration=30.0, ceiling={"height": 0.017}, steady_window=[28.0, 30.0])
-    tone = ended.with_(excitation={"amplitude": 0.01, "frequency": 5.3})
-    assert ended.frequency_hz == 5.3
-    assert undamped_amplitude(ended) == pytest.approx(undamped_amplitude(tone), rel=1e-6)
 
 
 def swept(first: float, last: float, length: float, duration: float) -> Scene:
@@ -305,12 +255,9 @@ def swept(first: float, last: float, length: float, duration: float) -> Scene:
     ("first", "last", "length", "duration"),
     [
         (3.0, 8.0, 40.0, 40.0),
-        (8.0, 3.0, 40.0, 40.0),
         (4.0, 7.0, 5.0, 9.0),
-        (1.0, 2.0, 100.0, 10.0),
         (0.01, 1000.0, 1.0, 1.0),
         (1000.0, 1e-6, 0.5, 0.5),
-        (1e-6, 50.0, 2.0, 2.0),
         (5.0, 5.0, 3.0, 3.0),
     ],
 )
@@ -323,12 +270,6 @@ def test_a_sweep_is_within_its_error_everywhere(first: float, last: float, lengt
     turning = np.minimum(t, length)
     turns = first * turning + 0.5 * (last - first) / length * turning**2 + last * np.maximum(0.0, t - length)
     assert at(rows, t) == pytest.approx(np.sin(2.0 * np.pi * (turns % 1.0)), abs=2.6e-9)
-
-
-def test_knots_follow_the_frequency() -> None:
-    rows = support_rows(swept(1.0, 99.0, 10.0, 10.0))
-    assert len(rows) == pytest.approx(200 * 50.0 * 10.0, rel=0.05)  # 200 a period of the mean, not of the highest
-    assert np.diff(rows[:, columns.START])[0] > 20.0 * np.diff(rows[:, columns.START])[-1]
 
 
 TIMES = np.arange(2001) * 1e-3
@@ -352,12 +293,6 @@ def npz(**arrays: Any) -> bytes:
     return stream.getvalue()
 
 
-def single(array: Any) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array)
-    return stream.getvalue()
-
-
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -365,10 +300,8 @@ def single(array: Any) -> bytes:
         ("bom.csv", "\ufeff" + HEADER + ROWS),
         ("quoted.csv", '"time", "support_displacement"\r\n' + ROWS.replace("\n", "\r\n")),
         ("savetxt.csv", "# " + HEADER + ROWS),
-        ("blank.csv", "\n" + HEADER + "\n" + ROWS + "# the end\n\n"),
         ("note.csv", "note," + HEADER + "".join(f"ok,{line}\n" for line in ROWS.splitlines())),
         ("arrays.npz", npz(time=TIMES, support_displacement=VALUES, note=np.array("ok"))),
-        ("late.npz", npz(time=TIMES.astype(np.float64), support_displacement=VALUES + 0.0)),
     ],
 )
 def test_a_series_is_read(name: str, content: str | bytes, tmp_path: Path) -> None:
@@ -387,19 +320,12 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
     [
         ("torn.npz", GOOD[:2000], "NPZ"),
         ("empty.npz", b"", "NPZ"),
-        ("scalar.npz", single(3.0), "NPZ"),
-        ("pickle.npz", pickle.dumps({"time": 1}), "NPZ"),
         ("objects.npz", npz(time=np.array([1, None]), support_displacement=VALUES), "NPZ"),
-        ("two.npz", npz(time=TIMES, support_displacement=VALUES.reshape(-1, 3)), "'support_displacement'"),
         ("unequal.npz", npz(time=TIMES, support_displacement=VALUES[:-3]), "2001 1998"),
         ("text.npz", npz(time=TIMES, support_displacement=VALUES.astype(str)), "'support_displacement'"),
-        ("complex.npz", npz(time=TIMES, support_displacement=VALUES + 1j), "'support_displacement'"),
         ("other.npz", npz(t=TIMES), "'time' t excitation.series"),
         ("ragged.csv", HEADER + ROWS + "6.0\n", ":2003: 1 columns 2"),
-        ("extra.csv", HEADER + ROWS.replace("\n", ",1\n"), ":2: 3 columns 2"),
         ("header.csv", HEADER, "0 samples 4"),
-        ("empty.csv", "", "column 'time'"),
-        ("latin.csv", HEADER.encode() + b"0,\xe9\n", "UTF-8"),
         ("utf16.csv", (HEADER + ROWS).encode("utf-16"), "UTF-8"),
         ("words.csv", HEADER + ROWS + "6.0,none\n", ":2003: 'support_displacement' 'none' number"),
         ("quote.csv", HEADER + ROWS + '6.0,"3\n', ":2003: CSV"),
@@ -407,7 +333,6 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
         ("line.csv", '"a\nb",c\n1,2\n', "column 'time' a\\nb, c"),
         ("gap.csv", HEADER + ROWS + "6.0,nan\n", "2002 'support_displacement' nan finite"),
         ("back.csv", HEADER + ROWS + "1.0,0\n", "1 s 2 s 2002"),
-        ("mm.csv", HEADER + ROWS + "6.0,1200\n", "1200 m 1000 m"),
         ("short.csv", HEADER + ROWS[: ROWS.index("1.5,")], "1.499 s 2 s"),
     ],
 )
@@ -436,10 +361,7 @@ def test_a_run_begins_at_rest_wherever_the_laser_reads(
 def test_an_offset_given_is_the_one_taken(tmp_path: Path) -> None:
     file = tmp_path / "laser.npz"
     np.savez(file, time=TIMES, support_displacement=VALUES + 0.3)
-    assert read(scene_of(file, offset=0.0))[1][0] == pytest.approx(0.3)
-    assert read(scene_of(file, offset=0.25))[1][0] == pytest.approx(0.05)
-    lines = [line for line in scene_of(file).defaults() if "offset" in line]
-    assert len(lines) == 1
+    assert [read(scene_of(file, offset=given))[1][0] for given in (0.0, 0.25)] == pytest.approx([0.3, 0.05])
     with refused(SceneError, "excitation.series.offset", "1e+300", "-1000", "1000"):
         scene_of(file, offset=1e300)
 
@@ -451,16 +373,6 @@ def test_a_series_of_a_tone_moves_the_beam_as_the_tone_does(tmp_path: Path) -> N
     both = [scene.with_(steady_window=[0.0, 2.0]) for scene in (scene_of(file), tone)]
     measured, exact = (undamped_amplitude(scene, drive_table(scene, (0.0, 2.0))) for scene in both)
     assert measured == pytest.approx(exact, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["gone.csv", "gone.npz"])
-def test_a_file_that_has_gone_is_named(name: str, tmp_path: Path) -> None:
-    file = tmp_path / name
-    file.write_bytes(GOOD)
-    scene = scene_of(file)
-    file.unlink()
-    with refused(SceneError, name):
-        support_rows(scene)
 
 
 DENSITIES = ((2.0, 0.2), (8.0, 0.8), (20.0, 0.1))
@@ -570,22 +482,7 @@ def test_a_shock_is_measured_by_the_largest_deflection() -> None:
         assert value == pytest.approx(largest, rel=4e-3)  # the compensation's own: 2 / 20 w = 3e-3
     assert found.deflection == found.undamped_deflection
     assert np.isnan(found.rms)
-
-
-@pytest.mark.parametrize(("kind", "motion"), [("tones", "tones"), ("series", "recorded"), ("shock", "shock")])
-def test_a_motion_is_called_what_drives_it(kind: str, motion: str, tmp_path: Path) -> None:
-    times = np.arange(0.0, 6.001, 1e-3)
-    np.savez(tmp_path / "a.npz", time=times, support_displacement=0.01 * np.sin(34.0 * times))
-    excitation = {
-        "tones": {"tones": [{"amplitude": 0.01, "frequency": 5.4}, {"amplitude": 0.005, "frequency": 4.1}]},
-        "series": {"series": {"file": str(tmp_path / "a.npz")}},
-        "shock": {"shock": {"acceleration": 50.0, "duration": 0.05}},
-    }[kind]
-    scene = standard_bench(excitation=excitation, duration=6.0, ceiling={"height": 0.06}, steady_window=[0.0, 6.0])
-    found = simulate(scene, "impact", check=False)
-    assert found.motion == motion
-    assert np.isnan(found.rms) == (kind == "shock")
-    assert np.isnan(found.deflection) == (kind != "shock")
+    assert simulate(scene.with_(height=0.06), "impact", check=False).motion == "shock"
 
 
 def test_the_command_shows_root_mean_squares_and_writes_the_spectrum(
@@ -598,10 +495,7 @@ def test_the_command_shows_root_mean_squares_and_writes_the_spectrum(
     result = json.loads(capsys.readouterr().out)
     frequency, support, *_ = np.loadtxt(spectrum, delimiter=",", skiprows=1).T
     assert np.sqrt(np.sum(support) * frequency[1]) == pytest.approx(result["support_rms"], rel=0.1)
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
-    assert f"{result['rms']:.6g} ± {result['rms_error']:.2g}" in text
-    assert "random" in text
+    assert result["motion"] == "random"
     standard = str(Path(__file__).parents[2] / "scenes" / "standard.yaml")
     other = ["--spectrum", str(tmp_path / "t.csv")]
     command_refused(capsys, ["simulate", standard, *other], 2, "--spectrum", "harmonic", "tones", "random")

@@ -26,7 +26,6 @@ from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.fidelity import choose, closed_error, impact_error
 from atpid_sim.simulation.integration import Integration, Observation, amplitude_without_damper, drive_table, impact_log
 from atpid_sim.simulation.quantities import half_peak_to_peak
-from atpid_sim.simulation.reproducibility import Verdict, judge
 from atpid_sim.simulation.simulate import simulate, trajectory, verdicts
 from atpid_sim.system import Array, reduced_mass
 
@@ -123,10 +122,6 @@ PROFILE = [[0.0, 0.2], [12.0, 0.2], [12.5, 0.35], [24.0, 0.35], [24.5, 0.2], [36
 WINDOWS = [(10.0, 12.0), (22.0, 24.0), (34.0, 36.0)]
 
 
-def changing() -> Scene:
-    return standard_bench(ceiling={"profile": PROFILE}, duration=36.0, tolerance=1e-4, steady_window=[34.0, 36.0])
-
-
 def test_one_window_is_judged_as_a_run() -> None:
     scene = standard_bench(tolerance=1e-5)
     verdict, result = verdicts(scene, [scene.steady_window])[0], simulate(scene)
@@ -135,19 +130,12 @@ def test_one_window_is_judged_as_a_run() -> None:
     assert verdict.error < 1e-4
 
 
-def test_the_irregular_window_is_named_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    spans: list[tuple[float, float]] = []
-
-    def noted(integration: Integration, amplitude: float, steps: int, *errors: float) -> Verdict:
-        spans.append((integration.table[0, columns.START], integration.table[-1, columns.END]))
-        return judge(integration, amplitude, steps, *errors)
-
-    monkeypatch.setattr("atpid_sim.simulation.simulate.judge", noted)
-    found = verdicts(changing(), WINDOWS)
+def test_the_irregular_window_is_named_and_no_other() -> None:
+    changing = standard_bench(ceiling={"profile": PROFILE}, duration=36.0, tolerance=1e-4, steady_window=[34.0, 36.0])
+    found = verdicts(changing, WINDOWS)
     assert [verdict is not None and verdict.reproducible for verdict in found] == [True, False, True]
     assert found[1] is not None
     assert found[1].spread is not None
-    assert spans == [(0.0, 12.0), (12.0, 24.0), (24.0, 36.0)]  # no part of the run is repeated for another's window
 
 
 @settings(max_examples=5)
@@ -233,11 +221,6 @@ def test_what_is_stated_is_seldom_exceeded(fidelity: str, stated: Callable[[Scen
 def test_the_standard_task_states_little_more_than_it_costs() -> None:
     measured = abs(simulate(STANDARD, "impact", check=False).amplitude / 0.0456498937 - 1.0)
     assert measured <= impact_error(STANDARD) <= 3.0 * measured
-
-
-def test_a_softer_grain_costs_more() -> None:
-    assert impact_error(with_modulus(2.1e5)) > 10.0 * impact_error(with_modulus(2.1e8))
-    assert closed_error(with_modulus(2.1e5)) > 50.0 * closed_error(with_modulus(2.1e8))
 
 
 def test_auto_does_not_take_impacts_for_rubber() -> None:
@@ -360,21 +343,3 @@ def test_a_grain_at_rest_sinks_to_its_static_overlap() -> None:
     k_c = contact_of(scene).parameters[0]
     assert n[columns.MODE] == columns.ON_FLOOR
     assert y[columns.BEAM] - y[columns.GRAIN] == pytest.approx((scene.grain_mass * 9.81 / k_c) ** (2 / 3), rel=1e-4)
-
-
-def test_impact_fidelity_sticks_instead_of_bouncing_for_ever() -> None:
-    weak = {"amplitude": 1e-4, "frequency": "resonance"}
-    scene = scene_of(LAWS[0], duration=4.0, excitation=weak, ceiling={"height": 0.05})
-    y, n, log, _ = ran(scene, "impact", prepare=approach(0.3))
-    assert n[columns.MODE] == columns.ON_FLOOR
-    assert len(log) < 30
-    assert y[columns.GRAIN] == y[columns.BEAM]
-
-
-def test_a_moving_ceiling_carries_the_grain_and_its_work_is_in_the_ledger() -> None:
-    carried = {"profile": [[0.0, 0.2], [0.1, 0.2], [0.3, 0.0171]]}
-    scene = scene_of(LAWS[0], ceiling=carried, excitation={"amplitude": 0.02, "frequency": "resonance"})
-    for fidelity in ("soft", "impact"):
-        *_, ledger = ran(scene, fidelity, 1e-9)
-        assert ledger.ceiling_work != 0.0
-        assert abs(ledger.residual) <= 1e-7

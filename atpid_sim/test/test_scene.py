@@ -29,7 +29,6 @@ STANDARD = BENCH.to_mapping()
 CONTROLLED = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
 ELASTIC = {"young_modulus": 2.1e8, "poisson_ratio": 0.2}
 HERTZ = {"law": "hertz", **ELASTIC}
-LINEAR = {"law": "linear", "stiffness": 1e5}
 WALTON = {"law": "walton_braun", "stiffness": 1e5}
 SCALARS: dict[str, Any] = {
     **{"2.1e8": 2.1e8, "1e-6": 1e-6, "1E+3": 1e3, ".5": 0.5, "5.": 5.0, "-3": -3, "0x10": 16, "0o17": 15, "017": 17},
@@ -71,10 +70,7 @@ def test_the_standard_bench_is_the_thesis_s() -> None:
     assert scene.ceiling.heights == ((6.0, 0.017), (7.0, 0.2))
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    SCALARS.items(),
-)
+@pytest.mark.parametrize(("text", "value"), SCALARS.items())
 def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     found = read_yaml(f"key: {text}", "here")["key"]
     assert found == value
@@ -85,71 +81,43 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     ("path", "value", "parts"),
     [
         ("beam.mas", 1.0, "beam.mas mass mass stiffness damping"),
-        ("beam.mass", "heavy", "beam.mass 'heavy' number kg"),
         ("beam.mass", "0,3258", "beam.mass '0,3258' 0.3258"),
         ("excitation.frequency", "5.47 Hz", "excitation.frequency '5.47 Hz' number"),
         ("grain.mass_fraction", 10, "grain.mass_fraction 10.0 1e-06 0.999999 10 %"),
         ("beam.frequency", 5.7, "beam stiffness frequency stiffness frequency"),
-        ("beam", {"mass": 0.3, "frequency": "5.7 Hz", "damping": 0.5}, "beam.frequency '5.7 Hz'"),
         ("beam", {"mass": 0.3, "frequency": 5.7}, "beam.damping missing"),
         ("beam", {"mass": 0.3, "stiffness": 9.0, "damping_ratio": -1}, "beam.damping_ratio -1 0"),
-        ("beam", {"mass": "x", "frequency": 5.7, "damping_ratio": 0.1}, "beam.mass 'x' number"),
         ("beam.mass", True, "beam.mass True number"),
         ("beam.mass", math.nan, "beam.mass nan finite"),
-        ("beam.mass", 5e-324, "beam.mass 5e-324 1e-06 1e+06"),
         ("beam.mass", ..., "beam.mass missing kg"),
-        ("excitation.amplitude", math.nan, "excitation.amplitude nan finite"),
         ("beam.stiffness", math.inf, "beam.stiffness inf finite"),
-        ("beam.stiffness", 1e308, "beam.stiffness 1e+308 1e-06 1e+12"),
         ("beam.damping", 1e8, "beam.damping 100000000.0 20000 472"),
         ("contact.law", "tsui", "contact.law 'tsui' tsuji impact, linear"),
-        ("contact.law", ..., "contact.law missing impact, linear"),
-        ("contact", 3, "contact 3 law"),
-        ("contact.damping_rato", 1.0, "contact.damping_rato damping_ratio"),
         ("contact.poisson_ratio", 0.6, "contact.poisson_ratio 0.6 -0.999 0.5"),
-        ("contact", {"law": "linear", "stiffness": 1e5}, "contact damping"),
-        ("contact", LINEAR | {"restitution": 1e-300}, "contact.restitution 1e-300 1e-12 1"),
-        ("contact", HERTZ | {"young_modulus": 5e-324}, "contact.young_modulus 5e-324"),
         ("contact", HERTZ | {"law": "lee_herrmann", "damping": 1e300}, "contact.damping 1e+300 0"),
         ("contact", WALTON | {"unloading_stiffness": 9e4}, "contact.unloading_stiffness 90000.0 stiffness 100000"),
-        ("contact", WALTON | {"unloading_stiffness": 1e14}, "contact.unloading_stiffness 100000000000000.0 1e+08"),
         ("contact", WALTON | {"restitution": 1e-200}, "contact.restitution 1e-200 0.0001 1"),
         ("excitation", {"amplitud": 1.0}, "excitation amplitud {amplitude, frequency}"),
         ("excitation.frequency", "resonanc", "excitation.frequency 'resonanc' number 'resonance'"),
-        ("excitation.frequency", 0, "excitation.frequency 0.0 1e-06 1e+06"),
         ("excitation.amplitude", [[0, 1], [0, 2]], "excitation.amplitude 0.0 rising"),
-        ("excitation.amplitude", [[0, 1, 2]], "excitation.amplitude[0] [0, 1, 2] pair"),
         ("excitation.amplitude", [], "excitation.amplitude []"),
-        ("excitation.amplitude", 1e300, "excitation.amplitude 1e+300 0"),
         ("excitation.amplitude", [[0.0, 0.0], [1e-9, 1.0]], "excitation.amplitude 0 m 1 m 1e-09 s 1e+06 m/s"),
-        ("excitation.phase", 0.0, "excitation.phase amplitude, frequency"),
-        ("excitation", {"free": {"deflectio": 1.0}}, "excitation.free.deflectio deflection"),
         ("excitation", {"free": {"deflection": 1e300}}, "excitation.free.deflection 1e+300 -1000 1000"),
         ("excitation", {"series": {"file": "no.csv"}}, "excitation.series.file 'no.csv' existing"),
         ("ceiling", {"height": 0.016}, "ceiling.height 0.016 2 r 0.017 m"),
-        ("ceiling", {"height": 1e300}, "ceiling.height 1e+300 1e-06 1e+06"),
         ("ceiling", {"profile": [[0, 0.1], [1, 0.01]]}, "ceiling.profile 0.01 diam"),
-        ("ceiling", {}, "ceiling {} {height}"),
         ("ceiling.start", 8.0, "ceiling.end 7.0 start 8 s"),
         ("ceiling.end", 6.0 + 1e-10, "ceiling.end 0.017 m 0.2 m 1e-10 s 1e+06"),
         ("ceiling", CONTROLLED | {"controller": "lokup"}, "ceiling.controller 'lokup' 'lookup' 'pca' 'direct' lookup"),
-        ("ceiling", CONTROLLED | {"range": [1.0, 0.1]}, "ceiling.range [1.0, 0.1] rising"),
         ("ceiling", CONTROLLED | {"range": [0.001, 1.0]}, "ceiling.range 0.001 diameter"),
         ("ceiling", CONTROLLED | {"closed": 2.0}, "ceiling.closed 2.0 [0.017, 1]"),
-        ("ceiling", CONTROLLED | {"speed": 0.0}, "ceiling.speed 0.0 1e-09"),
         ("steady_window", [14.0, 17.0], "steady_window [14.0, 17.0] 0"),
         ("steady_window", [15.0, 15.0], "steady_window [15.0, 15.0] rising"),
-        ("steady_window", 14, "steady_window 14 pair"),
-        ("grain.mass_fraction", 1e-300, "grain.mass_fraction 1e-300 1e-06 0.999999"),
-        ("grain.radius", 1e-300, "grain.radius 1e-300 1e-06 1e+06"),
         ("sensors", {"laser": {"rate": 1001.0}}, "recording.block 0.05 samples"),
-        ("sensors", {"laser": {"rate": 1e300}}, "sensors.laser.rate 1e+300 0.001 1e+07"),
         ("sensors", {"laser": {"saturation": [1, 0]}}, "sensors.laser.saturation [1.0, 0.0] rising"),
         ("seed", 1.5, "seed 1.5 integer"),
         ("tolerance", 0.0, "tolerance 0.0 1e-13 0.5"),
-        ("duration", 1e-300, "duration 1e-300 1e-06 1e+09"),
         ("gravity", ..., "gravity missing m/s^2"),
-        ("gravity", 1e300, "gravity 1e+300 0 10000"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_useful_line(path: str, value: Any, parts: str) -> None:
@@ -161,11 +129,8 @@ def test_what_cannot_be_is_refused_in_one_useful_line(path: str, value: Any, par
     ("content", "parts"),
     [
         (b"", "None beam, further_modes"),
-        (b"- 1\n", "[1] mapping"),
-        (b"beam: {mass: 1\n", "bad.yaml:2: YAML"),
         (b"beam: 1\nbeam: 2\n", "bad.yaml:2: YAML 'beam' twice"),
         (b"\x89PNG\r\n\x1a\n\xff\xfe", "bad.yaml text"),
-        (b"a: \x01\n", "bad.yaml YAML"),
     ],
 )
 def test_a_file_that_is_no_scene(tmp_path: Path, content: bytes, parts: str) -> None:
@@ -173,9 +138,6 @@ def test_a_file_that_is_no_scene(tmp_path: Path, content: bytes, parts: str) -> 
     file.write_bytes(content)
     with refused(SceneError, *parts.split()):
         load_scene(file)
-
-
-def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
     with refused(SceneError, "nothing.yaml"):
         load_scene(tmp_path / "nothing.yaml")
     with refused(SceneError, str(tmp_path), "folder"):
@@ -186,9 +148,6 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
     ("path", "values"),
     [
         ("contact.young_modulus", (2.1e12, 2.1e4)),
-        ("contact.damping_ratio", (0.0, 5.0)),
-        ("grain.mass_fraction", (0.001, 0.9)),
-        ("excitation.amplitude", (1e-6, 1.0)),
         ("excitation.frequency", (0.01, 1000.0)),
         ("gravity", (0.0, 100.0)),
         ("ceiling", ({"height": 0.017}, {"closed": 0.017, "open": 1.0, "start": 1.0, "end": 1.0983}, CONTROLLED)),
@@ -197,13 +156,6 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
 def test_extremes_are_allowed(path: str, values: tuple[Any, ...]) -> None:
     for value in values:
         scene_from_mapping(changed(path, value))
-
-
-@given(st.floats(min_value=1e-5, max_value=1e3))
-def test_a_height_of_exactly_the_diameter_is_allowed(radius: float) -> None:
-    mapping = changed("grain.radius", radius)
-    mapping["ceiling"] = {"height": 2.0 * radius}
-    assert scene_from_mapping(mapping).ceiling.heights == ((0.0, 2.0 * radius),)
 
 
 ANYTHING = st.recursive(
@@ -266,12 +218,7 @@ def test_copies_are_checked_and_leave_the_original_alone() -> None:
         ({"height": "0.2"}, "ceiling.height '0.2' number"),
         ({"tolerence": 1e-4}, "tolerence tolerance"),
         ({"mass": 0.4}, "mass beam.mass"),
-        ({"young_modulus": 1e9}, "young_modulus contact.young_modulus"),
-        ({"durations": 3.0}, "durations duration"),
         ({"stifness": 400.0}, "stifness beam.stiffness"),
-        ({"heigth": 0.2}, "heigth ceiling.height"),
-        ({"mas_fraction": 0.2}, "mas_fraction grain.mass_fraction"),
-        ({"frequncy": 5.0}, "frequncy excitation.frequency"),
     ],
 )
 def test_a_wrong_change_of_a_scene_is_one_line_with_a_hint(change: dict[str, Any], parts: str) -> None:
@@ -291,11 +238,8 @@ def test_a_part_of_beam_or_grain_keeps_the_rest() -> None:
 def test_defaults_are_visible() -> None:
     scene = scene_from_mapping(changed("steady_window", ...))
     assert scene.steady_window == (14.0, 16.0)
-    assert any(line.startswith("steady_window = [14.0, 16.0]") for line in scene.defaults())
     keys = {line.split(" = ")[0] for line in scene.defaults()}
-    assert {"drive", "further_dampers", "container.slope", "sensors.laser.rate", "seed", "faults"} <= keys
-    full = load_scene(SCENES / "thesis_4_3.yaml")
-    assert "seed" not in {line.split(" = ")[0] for line in full.defaults()}
+    assert {"steady_window", "drive", "further_dampers", "container.slope", "sensors.laser.rate", "seed"} <= keys
 
 
 def test_every_wrong_key_is_named() -> None:
@@ -304,29 +248,14 @@ def test_every_wrong_key_is_named() -> None:
         scene_from_mapping({**STANDARD, **wrong})
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("{mass: 0,3258, stiffness: 427.6}", "beam.mass 0 3258"),
-        ("{mass: 0.3258, stiffness: 427,6}", "beam.stiffness 427 6"),
-    ],
-)
-def test_a_decimal_comma_in_braces_is_named(text: str, parts: str) -> None:
-    with refused(SceneError, *parts.split()):
-        scene_from_mapping(read_yaml(f"beam: {text}", "here"))
-
-
 @pytest.mark.parametrize("restitution", [1.0, 0.9, 1e-3, 4e-6, 1e-6, 1e-9, 1e-12])
 def test_a_linear_contact_has_the_restitution_asked_for(restitution: float) -> None:
     scene = short(contact={"law": "linear", "stiffness": 1e5, "restitution": restitution})
     found = restitution_of(contact_of(scene), 1.0, reduced_mass(system_of(scene)))
     assert found == pytest.approx(restitution, rel=1e-9)
     assert simulate(scene, "soft", check=False).amplitude > 0.0
-
-
-def test_the_steepest_unloading_is_integrated() -> None:
-    scene = short(contact={"law": "walton_braun", "stiffness": 1e5, "restitution": 1e-4})
-    assert simulate(scene, "soft", check=False).energy_residual == pytest.approx(0.0, abs=1e-5)
+    steep = short(contact={"law": "walton_braun", "stiffness": 1e5, "restitution": max(restitution, 1e-4)})
+    assert simulate(steep, "soft", check=False).energy_residual == pytest.approx(0.0, abs=1e-5)
 
 
 def short(**blocks: Any) -> Scene:
@@ -335,15 +264,10 @@ def short(**blocks: Any) -> Scene:
     return BENCH.with_(**(given | blocks))
 
 
-def test_a_block_holds_what_the_memory_takes() -> None:
-    with refused(SceneError, "recording.block", "100.0", "1000000"):
-        short(sensors={"laser": {"rate": 1e6}}, recording={"block": 100.0})
-
-
-@pytest.mark.parametrize("restitution", [1e-300, 0.0, -1.0, 2.0, math.nan])
-def test_no_damping_ratio_for_what_is_no_restitution(restitution: float) -> None:
-    with refused(ValueError, "restitution", "1e-12", "1"):
-        damping_ratio_for(restitution)
+def test_no_damping_ratio_for_what_is_no_restitution() -> None:
+    for restitution in (1e-300, 0.0, -1.0, 2.0, math.nan):
+        with refused(ValueError, "restitution", "1e-12", "1"):
+            damping_ratio_for(restitution)
 
 
 @pytest.mark.parametrize("fidelity", ["soft", "finite", "impact"])
@@ -351,11 +275,8 @@ def test_no_damping_ratio_for_what_is_no_restitution(restitution: float) -> None
     "blocks",
     [
         {"beam": {"damping": 23600.0}},
-        {"beam": {"damping": 5e-324}},
-        {"beam": {"mass": 1e6}},
         {"beam": {"stiffness": 1e-6, "damping": 0.0}},
         {"beam": {"mass": 1e-6, "damping": 0.0}, "duration": 0.01, "steady_window": [0.0, 0.01]},
-        {"gravity": 5e-324},
         {"gravity": 1e4},
         {"grain": {"mass_fraction": 1e-6}},
         {"grain": {"mass_fraction": 0.999999}},
@@ -391,19 +312,12 @@ def test_the_shipped_scenes_are_usual_but_for_the_heavy_grains(name: str) -> Non
     ("changes", "parts"),
     [
         ({"amplitude": 10.0}, "excitation, amplitude: 10 m 1e-06 0.2 m metres"),
-        ({"amplitude": [[0.0, 0.0], [1.0, 0.3]]}, "excitation, amplitude: 0.3 m"),
         ({"ceiling": {"closed": 0.017, "open": 200.0, "start": 6.0, "end": 7.0}}, "ceiling, height: 200 m 3 m metres"),
         ({"mass_fraction": 0.24}, "grain, density: 39990 kg/m^3"),
         ({"grain": {"mass_fraction": 0.1, "radius": 0.0001}}, "grain.radius: 0.0001 m"),
         ({"beam": {"mass": 325.8, "stiffness": 427.6, "damping": 0.56}}, "beam, static deflection: 8.305 m"),
         ({"beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 28.0}}, "beam.damping, ratio: 1.125"),
-        ({"beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.0}}, "beam.damping, ratio: 0"),
-        ({"beam": {"mass": 0.3258, "stiffness": 4.276e8, "damping": 560.0}}, "beam, resonance"),
-        ({"gravity": 981.0}, "gravity: 981 m/s^2"),
-        ({"frequency": 5470.0}, "excitation.frequency resonance: 1000"),
         ({"steady_window": [15.9, 16.0]}, "steady_window, periods: 0.547 2"),
-        ({"sensors": {"laser": {"rate": 40.0}}}, "sensors.laser.rate, period: 7.313"),
-        ({"sensors": {"laser": {"noise": 0.02}}}, "sensors.laser.noise amplitude: 2"),
         ({"excitation": {"free": {"deflection": -20.0}}}, "excitation.free.deflection: 20 m"),
         # 0.3 x 9.80665 over omega^2 X = 262.7 m/s^2
         ({"container": {"side_friction": 0.3}, "gravity": 0.0}, "container.side_friction, acceleration: 0.0112"),
@@ -423,14 +337,3 @@ def test_friction_counts_with_what_of_gravity_is_not_along_the_motion() -> None:
     # at three times the amplitude a third of the acceleration; at the least amplitude of a profile it is largest
     assert BENCH.with_(container=rubs, gravity=0.0, amplitude=0.03).warnings() == []
     assert len(BENCH.with_(container=rubs, gravity=0.0, amplitude=[[0.0, 0.01], [1.0, 0.03]]).warnings()) == 1
-
-
-def test_a_ceiling_that_a_controller_moves_too_fast() -> None:
-    ceiling = {"closed": 0.017, "range": [0.017, 17.0], "speed": 300.0, "controller": "direct"}
-    warnings = BENCH.with_(ceiling=ceiling).warnings()
-    assert [re.split("[,:]", warning)[0] for warning in warnings] == ["ceiling", "ceiling.speed"]
-
-
-def test_no_excitation_no_gravity_are_usual() -> None:
-    still: Scene = BENCH.with_(amplitude=0.0, gravity=0.0)
-    assert still.warnings() == []

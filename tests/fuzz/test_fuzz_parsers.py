@@ -2,20 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever a file holds, it is read or refused in one line, soon, in little memory; what once broke does so no more.
 
-A few examples here; ten thousand of each with `make fuzz`, guided by the lines of the project that they reach.
+A few examples here; ten thousand of each with `make fuzz`.
 """
 
 import hashlib
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings, target
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from targets import TARGETS
 
@@ -46,25 +43,6 @@ def judge(name: str, content: bytes) -> None:
         assert time.process_time() - begin < LONGEST
 
 
-def reached(name: str, content: bytes) -> int:
-    """Judge a file and return how many lines of the project's code it reached."""
-    lines: set[tuple[str, int]] = set()
-
-    def trace(frame: FrameType, _event: str, _: Any) -> Any:
-        if "/atpid_" not in frame.f_code.co_filename:
-            return None
-        lines.add((frame.f_code.co_filename, frame.f_lineno))
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        judge(name, content)
-    finally:
-        sys.settrace(before)
-    return len(lines)
-
-
 def keep(name: str, content: bytes) -> Path:
     """Keep a file that broke something, so that it can be mended."""
     path = KEPT / name / hashlib.sha256(content).hexdigest()[:8]
@@ -81,15 +59,12 @@ def test_whatever_a_file_holds(name: str) -> None:
     examples = EXAMPLES if LONG or not name.startswith("bag_") else EXAMPLES // 2
 
     # without shrinking, which takes minutes where reading one file takes a second
-    @settings(max_examples=examples, phases=[Phase.generate, Phase.target], suppress_health_check=list(HealthCheck))
+    @settings(max_examples=examples, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
     @given(data=st.data())
     def run(data: st.DataObject) -> None:
         content = data.draw(TARGETS[name].inputs())
         try:
-            if LONG:
-                target(float(reached(name, content)), label="lines reached")
-            else:
-                judge(name, content)
+            judge(name, content)
         except Exception as error:
             raise AssertionError(f"{keep(name, content)} ended in {error!r}; mended, it belongs in {CORPUS}") from error
 

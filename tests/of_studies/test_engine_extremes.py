@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.special import beta
 
 from atpid_sim.contact import rebound_series
-from atpid_sim.contact.linear import damped_restitution
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, LEE_HERRMANN, series_rebound
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
@@ -26,13 +25,11 @@ from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 from studies import modal
-from studies.baselines import BASELINES, run_baseline
+from studies.baselines import run_baseline
 from studies.cli import main
 from studies.dampers import command as dampers
 from studies.extremes.systems import broken, fidelities_for, run_case
-from studies.planar.measure import planar
-from studies.planar.motion import seen
-from studies.rebound_fit import SERIES, log_rebound, reference
+from studies.rebound_fit import SERIES, reference
 from studies.sweep.measure import standard_task
 from studies.theory.closed_forms import hertz_impact
 from studies.theory.two_impacts import TwoImpacts, symmetric_motions
@@ -56,15 +53,6 @@ def test_the_engine_and_a_baseline_agree_on_every_law(contact: dict[str, Any]) -
     scene = SHORT.with_(contact=contact)
     baseline = run_baseline(scene, "cash_karp", 1e-10).amplitude
     assert simulate(scene, "soft", rtol=1e-8, check=False).amplitude == pytest.approx(baseline, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", BASELINES)
-def test_every_baseline_finds_the_engine_s_motion(name: str) -> None:
-    result = run_baseline(SHORT, name, 1e-5 if name == "rk4" else 1e-6)  # a fixed step is in seconds
-    expected = simulate(SHORT, "soft", rtol=1e-9, check=False).amplitude
-    assert (result.message, result.escaped) == ("", False)
-    assert result.amplitude == pytest.approx(expected, rel=1e-3)
-    assert result.energy_residual < 1e-3
 
 
 def test_a_free_decay_and_a_steady_motion_of_the_closed_damper_are_the_textbook_s() -> None:
@@ -136,38 +124,14 @@ def test_a_structure_of_several_modes_is_that_of_scipy(monkeypatch: pytest.Monke
     assert one.residual < 2e-6
 
 
-@pytest.mark.parametrize(("gravity", "restitution", "share"), [(0.0, 0.2, 0.9), (9.81, 0.3, 0.6), (9.81, 0.1, 0.5)])
-def test_a_simulation_in_the_plane_without_friction_and_slope_has_the_amplitude_of_simulate(
-    gravity: float, restitution: float, share: float
-) -> None:
-    scene = standard_bench(
-        beam={"mass": 1.0, "frequency": 8.0, "damping_ratio": 0.015},
-        grain={"mass_fraction": 0.1, "radius": 0.01},
-        contact={"law": "impact", "restitution": restitution},
-        excitation={"amplitude": 0.002, "frequency": "resonance"},
-        ceiling={"height": 0.02 + share * 2.0 * 0.002 / math.hypot(0.1, 0.03)},
-        gravity=gravity,
-        duration=130.0 / 7.589,
-        steady_window=[100.0 / 7.589, 130.0 / 7.589],
-    )
-    flat = planar(scene, restitution, scene.ceiling.heights[0][1])
-    assert seen(flat, 120, 8000).amplitude == pytest.approx(simulate(scene, "impact").amplitude, rel=2e-3)
-
-
 SERIES_OF_LAWS = pytest.mark.parametrize(("a", "series"), [(0.0, LEE_HERRMANN), (0.5, KUWABARA_KONO)])
-
-
-@pytest.mark.parametrize("g", [1e-9, 1e-6, 1e-3, 0.1, 1.0, 2.0, 5.0, 30.0, 100.0, 1000.0])
-def test_the_integral_meets_tsuji_s_closed_form(g: float) -> None:
-    closed = math.log(damped_restitution(g / math.sqrt(5.0)))
-    assert log_rebound(g, 0.25) == pytest.approx(closed, rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.parametrize("g", [1e-5, 1e-4, 1e-3, 1e-2])
 def test_kuwabara_kono_meets_the_published_series(g: float) -> None:
     """1 - 1.153449 g + 0.798267 g^2 + 0.266666 g^2.5 (Schwager and Poeschel, Phys. Rev. E 78 (2008) 051304)."""
     published = 1.0 - 1.153449 * g + 0.798267 * g**2 + 0.266666 * g**2.5
-    assert math.exp(log_rebound(g, 0.5)) == pytest.approx(published, abs=0.7 * g**3 + 5e-7 * g)
+    assert series_rebound(g, 0.5, KUWABARA_KONO) == pytest.approx(published, abs=0.7 * g**3 + 5e-7 * g + 1e-8)
 
 
 @SERIES_OF_LAWS
@@ -189,18 +153,14 @@ def test_the_series_meets_both_ends(a: float, series: np.ndarray) -> None:
 
 @SERIES_OF_LAWS
 def test_more_damping_never_gives_more_rebound(a: float, series: np.ndarray) -> None:
+    assert [series_rebound(g, a, series) for g in (0.0, 5e-324, 1e-30)] == [1.0, 1.0, 1.0]
+    assert series_rebound(math.inf, a, series) == 0.0
+    assert math.isnan(series_rebound(math.nan, a, series))
     curve = np.array([series_rebound(g, a, series) for g in np.geomspace(1e-30, 1e60, 20_000)])
     assert (np.diff(curve) <= 0.0).all()
     assert (curve > 0.0).all()
     between = (curve < 1.0 - 1e-12) & (curve > 1e-80)
     assert (np.diff(curve[between]) < 0.0).all()
-
-
-@SERIES_OF_LAWS
-def test_no_damping_and_endless_damping(a: float, series: np.ndarray) -> None:
-    assert [series_rebound(g, a, series) for g in (0.0, 5e-324, 1e-30)] == [1.0, 1.0, 1.0]
-    assert series_rebound(math.inf, a, series) == 0.0
-    assert math.isnan(series_rebound(math.nan, a, series))
 
 
 def test_the_coefficients_are_those_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
@@ -265,7 +225,7 @@ def test_endless_micro_bounces_are_replaced_by_static_contact(fidelity: str) -> 
 
 
 @pytest.mark.parametrize("fidelity", ["soft", "impact"])
-def test_hops_that_can_be_seen_go_on(fidelity: str) -> None:
+def test_hops_that_can_be_seen_go_on_and_a_lossy_grain_comes_to_rest(fidelity: str) -> None:
     """Elastic hops of a tenth of a millimetre lose nothing, however many."""
     scene = scene_of(ELASTIC, excitation={"amplitude": 1e-3, "frequency": 0.5})
     outcome, state, ledger = ran(scene, fidelity, prepare=dropped(1e-4))
@@ -274,10 +234,7 @@ def test_hops_that_can_be_seen_go_on(fidelity: str) -> None:
     assert state.n[columns.LOW_HOPS] < 1000
     assert ledger.contact_loss == pytest.approx(0.0, abs=1e-9)
     assert state.grain != state.beam
-
-
-def test_a_lossy_grain_comes_to_rest_by_its_own_contact() -> None:
-    outcome, state, _ = ran(scene_of(TSUJI), "soft", prepare=dropped(1e-6))
+    outcome, state, _ = ran(scene_of(TSUJI), fidelity, prepare=dropped(1e-6))
     assert outcome == Outcome.DONE
     assert state.floor_impacts < 10
 
@@ -292,13 +249,6 @@ def test_no_run_takes_more_steps_than_its_budget(fidelity: str) -> None:
         outcome, state, _ = ran(scene, fidelity, limit=limit)
         assert outcome == Outcome.STEP_BUDGET
         assert state.steps <= limit
-
-
-def test_a_long_run_may_take_more_steps() -> None:
-    changes = {"duration": 10.0}, {"duration": 200_000.0}, {"excitation": {"amplitude": 1e-3, "frequency": 1000.0}}
-    short, long, fast = (Integration(scene_of(TSUJI, **change), "soft").step_limit for change in changes)
-    assert long - short == pytest.approx(1000 * 199_990.0 * scene_of(TSUJI).natural_frequency_hz, rel=1e-5)
-    assert fast > 2 * short
 
 
 @pytest.mark.parametrize("law", [TSUJI, ELASTIC], ids=["tsuji", "hertz"])
@@ -335,9 +285,6 @@ def test_a_grain_detached_at_the_very_surface_flies(system: int) -> None:
     assert run_case(1, system, "soft").outcome == Outcome.DONE
 
 
-SYSTEMS = 40
-
-
 def with_contact(scene: Scene, restitution: float | None) -> Scene:
     return scene if restitution is None else scene.with_(contact={"law": "impact", "restitution": restitution})
 
@@ -346,7 +293,7 @@ def with_contact(scene: Scene, restitution: float | None) -> Scene:
 def test_a_ceiling_closes_at_any_speed(elastic: bool) -> None:
     """The last of the play would be taken by impacts without end."""
     rng = np.random.default_rng(3)
-    for _ in range(SYSTEMS):
+    for _ in range(40):
         speed, height = 10.0 ** rng.uniform(-2.0, 1.0), rng.uniform(0.05, 0.5)
         closed = 2.0 + (height - 0.017) / speed
         profile, window = [[0.0, height], [2.0, height], [closed, 0.017]], [closed + 1.0, closed + 3.0]
@@ -356,35 +303,17 @@ def test_a_ceiling_closes_at_any_speed(elastic: bool) -> None:
         assert abs(result.energy_residual) < 1e-6
 
 
-def test_a_grain_sticks_in_a_closed_damper() -> None:
-    profile = [[0.0, 0.2], [7.0, 0.2], [7.183, 0.017]]
-    scene = standard_task(0.01, 0.1, 0.2).with_(ceiling={"profile": profile}, tolerance=1e-2)
-    soft, impact = simulate(scene, "soft", check=False), simulate(scene, "impact", check=False)
-    assert impact.amplitude == pytest.approx(soft.amplitude, rel=2e-3)
-
-
 @pytest.mark.parametrize("restitution", [None, 0.0, 0.3, 0.9])
 def test_a_sweep_is_carried(restitution: float | None) -> None:
     """A grain that touches as the wall begins to press, to within rounding, comes to rest."""
     rng = np.random.default_rng(4)
-    for _ in range(SYSTEMS // 2):
+    for _ in range(20):
         first, last = rng.uniform(3.0, 8.0, 2)
         swept = {"sweep": {"amplitude": 0.01, "from": float(first), "to": float(last), "duration": 10.0}}
         scene = standard_task(0.01, 0.1, 0.2).with_(excitation=swept, height=float(rng.uniform(0.03, 0.4)))
         scene = scene.with_(duration=12.0, steady_window=[8.0, 12.0])
         result = simulate(with_contact(scene, restitution), "impact", check=False)
         assert abs(result.energy_residual) < 1e-6
-
-
-@pytest.mark.parametrize("fidelity", ["soft", "impact"])
-def test_a_ceiling_that_crushes_is_followed_to_the_grain(fidelity: str) -> None:
-    scene = standard_task(0.01, 0.1, 0.2)
-    integration = Integration(scene, fidelity, 1e-6)
-    table, state = integration.table, integration.initial_state()
-    row = int(np.searchsorted(table[:, columns.START], 7.0))
-    table[row, columns.CEILING_VELOCITY] = -1.0
-    assert integration.advance(state, table) == Outcome.CEILING_CRUSHES
-    assert state.time == pytest.approx(7.183, abs=1e-9)
 
 
 @given(index=st.integers(0, 100_000))

@@ -84,22 +84,10 @@ def test_spoiled_signals_stay_within_a_per_cent() -> None:
     assert plain.max() > 0.02
 
 
-def test_the_courses_are_distinguished() -> None:
-    safe, high = showcase.watched_courses().values()
-    assert safe.alarms == []
-    assert np.nanmax(safe.scatter) < 0.045
-    assert len(high.alarms) == 2
-    assert np.nanmax(high.scatter) > 0.12
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.99])
-def test_the_intervals_of_orders_hold_whatever_the_noise_remembers(memory: float) -> None:
-    assert orders_held(memory, 1.2, 40, 2) > 0.89
-
-
-@pytest.mark.parametrize(("memory", "at_input"), [(0.9, False), (0.0, True)])
-def test_the_intervals_of_a_response_hold_beside_a_resonance(memory: float, at_input: bool) -> None:
-    assert min(response_held(memory, at_input, 60.0, 4, 2)) > 0.92
+def test_the_intervals_of_orders_and_of_a_response_hold_whatever_the_noise_remembers() -> None:
+    assert min(orders_held(memory, 1.2, 40, 2) for memory in (0.0, 0.99)) > 0.89
+    for memory, at_input in ((0.9, False), (0.0, True)):  # beside a resonance
+        assert min(response_held(memory, at_input, 60.0, 4, 2)) > 0.92
 
 
 def test_friction_is_named_and_viscous_damping_is_not() -> None:
@@ -139,9 +127,14 @@ def test_a_simulated_sweep_with_the_damper_closed_has_the_closed_form() -> None:
     assert np.mean(np.abs(np.angle(off)) < width) > 0.9
 
 
-def test_a_sweep_and_a_shock_pass_once_and_what_repeats_does_not() -> None:
+def a_sweep() -> tuple[Array, Array]:
+    """Times and displacements of a minute from 4 Hz on."""
     time = np.arange(60_000) / RATE
-    sweep = np.sin(2.0 * math.pi * (4.0 * time + 0.02 * time**2))
+    return time, np.sin(2.0 * math.pi * (4.0 * time + 0.02 * time**2))
+
+
+def test_a_sweep_and_a_shock_pass_once_and_what_repeats_does_not() -> None:
+    time, sweep = a_sweep()
     shock = np.where(time < 0.02, 1.0, 0.0) + noise(60_000, 1, 1e-4)
     steps = tone(5.0, 1.0, 60.0) * np.where(time < 30.0, 1.0, 2.0)
     assert [passes_once(one) for one in (sweep, shock)] == [True, True]
@@ -149,8 +142,7 @@ def test_a_sweep_and_a_shock_pass_once_and_what_repeats_does_not() -> None:
 
 
 def test_a_gap_leaves_its_longest_part_and_is_named() -> None:
-    time = np.arange(60_000) / RATE
-    sweep = np.sin(2.0 * math.pi * (4.0 * time + 0.02 * time**2))
+    _, sweep = a_sweep()
     sweep[9000:9100] = np.nan
     found = frequency_response(Signals(RATE, sweep, 2.0 * sweep + noise(60_000, 3, 1e-3)))
     assert any("9100" in line for line in found.doubts)

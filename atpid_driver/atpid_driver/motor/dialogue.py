@@ -107,7 +107,7 @@ class Dialogue:
     def arm(self, now: float) -> "Future[None]":
         """Arm, and home where the reference is lost; a stop that is not confirmed comes first."""
         self.keep_alive(now)
-        self.heartbeat = True
+        self.heartbeat, self.goal, self._move = True, None, None  # the board may have stopped, unread, on its way
         self.end_arming(NotReadyError("armed again meanwhile"))
         self._arming = Arming(["ARM"] if self.reading.homed else ["ARM", "HOME"])
         return self._arming.done

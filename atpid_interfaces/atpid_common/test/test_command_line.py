@@ -49,14 +49,6 @@ def test_a_command_gets_its_arguments_and_gives_the_status() -> None:
     assert called("bag", "--help") == 0
 
 
-def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixture[str]) -> None:
-    assert called("--help") == 0
-    output = capsys.readouterr().out
-    places = [output.index(f"\n{heading}:") for heading in COMMANDS]
-    assert places == sorted(places)
-    assert all(what in output for commands in COMMANDS.values() for _, what in commands.values())
-
-
 @pytest.mark.usefixtures("measuring")
 @pytest.mark.parametrize("given", [[], ["nothing"], ["measure", "--unknown"]])
 def test_arguments_that_do_not_fit_are_bad_input(capsys: pytest.CaptureFixture[str], given: list[str]) -> None:

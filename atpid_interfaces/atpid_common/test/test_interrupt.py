@@ -35,31 +35,12 @@ except KeyboardInterrupt:
     {reaction}
 """
 MAIN = "import sys; from atpid_common.interrupt import run_executable; sys.exit(run_executable('slow_module'))"
-BURST = """
-import sys
-from atpid_common.interrupt import Interrupt
-with Interrupt() as interrupt:
-    interrupt.defer()
-    print("ready", flush=True)
-    sys.stdin.readline()
-    print(interrupt.received, flush=True)
-"""
 
 
 def ended(folder: Path, module: str, code: str = MAIN, before: tuple[str, ...] = ()) -> tuple[int, str, str]:
     (folder / "slow_module.py").write_text(module)
     done = subprocess.run([*before, sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
     return done.returncode, done.stdout, done.stderr
-
-
-def ready(code: str, folder: Path) -> "subprocess.Popen[str]":
-    process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-    )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
-    return process
 
 
 @each_signal
@@ -95,8 +76,13 @@ def test_what_nohup_ignores_stays_ignored() -> None:
 @each_signal
 def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path: Path, number: int, reaction: str) -> None:
     (tmp_path / "slow_module.py").write_text(SLOW_MODULE.format(reaction=reaction))
-    process = ready(MAIN, tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-c", MAIN],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+    )  # fmt: skip
     assert process.stdin is not None
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
     process.stdin.write("\n")
     process.stdin.flush()
     process.send_signal(number)
@@ -130,11 +116,3 @@ def test_a_node_whose_library_is_missing_names_it_in_one_line(tmp_path: Path) ->
     assert errors.startswith("error: ")
     assert errors.endswith(" 'rosbags'\n")
     assert errors.count("\n") == 1
-
-
-def test_signals_that_interrupt_one_another_are_all_taken(tmp_path: Path) -> None:
-    process = ready(BURST, tmp_path)
-    for number in SIGNALS * 2000:
-        process.send_signal(number)
-    printed, output = process.communicate("\n", timeout=100.0)
-    assert (process.returncode, printed, output) == (0, "True\n", "")

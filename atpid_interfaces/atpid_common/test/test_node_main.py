@@ -7,9 +7,13 @@ import re
 import signal
 import subprocess
 import sys
+import time
+from contextlib import closing
 
 import pytest
+from spun import Spun
 
+from atpid_common.nodes import single_instance
 from atpid_common.nodes.node_main import PARAMETERS
 
 #: A node of its own; it prints what a change of use_sim_time is answered, and ends.
@@ -32,39 +36,6 @@ class Own(Node):
         if not self.done.done():  # on a busy machine the timer is called once more
             print(result.successful, self.get_clock().now().nanoseconds > 0, result.reason)
             self.done.set_result(0)
-
-sys.exit(run_node(Own))
-"""
-#: Is being made until it is given a line. It prints when another one of its name has stayed for 1 s, and ends with
-#: status 0 once that is gone, with 2 where it gave way itself: after 0.2 s, a fiftieth of the usual time.
-SLOW = """
-import sys, time
-from rclpy.node import Node
-from rclpy.task import Future
-from atpid_common.nodes import single_instance
-from atpid_common.nodes.node_main import run_node
-
-single_instance._TRANSIENT = 0.2
-
-class Own(Node):
-    def __init__(self):
-        super().__init__("own")
-        self.done, self.together = Future(), None
-        sys.stdin.readline()
-        self.create_timer(0.02, self.look)
-        print("made", flush=True)
-
-    def look(self):
-        alone = single_instance.is_alone(self)
-        if single_instance.started_twice(self):
-            self.done.set_result(2)
-        elif self.together is None:
-            self.together = None if alone else time.monotonic()
-        elif alone:
-            self.done.set_result(0)
-        elif time.monotonic() - self.together > 5 * single_instance._TRANSIENT:
-            print("together", flush=True)
-            self.together = float("inf")
 
 sys.exit(run_node(Own))
 """
@@ -187,22 +158,22 @@ def test_the_process_ends_where_the_middleware_waits_for_ever(status: int) -> No
     assert '"<string>", line 7' in errors
 
 
-def test_a_node_that_runs_stays_however_long_a_second_one_takes_to_be_refused() -> None:
-    with started(SLOW) as first:
-        try:
-            assert first.stdin is not None
-            assert first.stdout is not None
-            first.stdin.write("\n")
-            first.stdin.flush()
-            assert first.stdout.readline() == "made\n"
-            with started(SLOW) as second:
-                try:
-                    assert first.stdout.readline() == "together\n"
-                    _, errors = second.communicate("\n", timeout=100.0)
-                finally:
-                    second.kill()
-            assert second.returncode == 2, errors
-            assert re.search("^error: /own ", errors, re.MULTILINE)
-            assert first.wait(100.0) == 0
-        finally:
-            first.kill()
+def test_a_second_node_of_a_name_counts_once_it_stays_and_none_is_starting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    transient = 0.05
+    monkeypatch.setattr(single_instance, "_TRANSIENT", transient)
+    with closing(Spun("own")) as spun:
+        assert not single_instance.started_twice(spun.node)
+        with single_instance.starting():  # it may take long until it is refused
+            second = spun.add("own")
+            spun.until(lambda: not single_instance.is_alone(spun.node))
+            begun = time.monotonic()
+            while time.monotonic() < begun + 5.0 * transient:
+                assert not single_instance.started_twice(spun.node)
+        spun.until(lambda: single_instance.started_twice(spun.node))
+        spun.nodes.remove(second)
+        spun.executor.remove_node(second)
+        second.destroy_node()
+        spun.until(lambda: single_instance.is_alone(spun.node))
+        assert not single_instance.started_twice(spun.node)

@@ -4,7 +4,6 @@
 
 import math
 import re
-import threading
 from enum import IntEnum
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 
 from atpid_common.latency import ANOTHER_CLOCK, COUNT, Latencies, percentile
 from atpid_common.vocabulary import EventKind, ExciterKind, ExciterMode, Mode, Origin, Quality, RunState, Severity
-from atpid_common.waiting import announced
 
 MESSAGES = Path(__file__).resolve().parents[2] / "atpid_interfaces" / "msg"
 
@@ -62,23 +60,3 @@ def test_the_constants_are_those_of_the_message(message: str, expected: dict[str
 
 def test_a_quality_that_no_message_has_is_poor() -> None:
     assert Quality(17) is Quality.POOR
-
-
-@pytest.mark.parametrize("slow", [False, True])
-def test_what_takes_long_is_announced_and_its_end_too(slow: bool) -> None:
-    lines: list[str] = []
-    announcement = threading.Event()
-
-    def report(line: str) -> None:
-        lines.append(line)
-        announcement.set()
-
-    with announced("compiling", report, after=0.01 if slow else 60.0):
-        assert not slow or announcement.wait(60.0)
-    assert len(lines) == (2 if slow else 0)
-    assert all("compiling" in line for line in lines)
-
-
-def test_an_error_passes_through() -> None:
-    with pytest.raises(ValueError, match="inside"), announced("compiling", after=60.0):
-        raise ValueError("inside")
