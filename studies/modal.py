@@ -30,11 +30,11 @@ from studies.dampers.naive import Structure
 #: Arguments of the example in the help.
 EXAMPLE = "--systems 40 --seed 7"
 #: Runs of the cost's table, of which the fastest counts, and the modes in its rows.
-_REPEATS, _COUNTS = 7, (1, 2, 4, 8)
+REPEATS, _COUNTS = 7, (1, 2, 4, 8)
 #: Relative change of the start, and of the amplitude up to which it is reproducible.
 _DISTURBANCE, _REPRODUCIBLE = 1e-6, 5e-4
 #: Relative tolerance and longest step [s] of scipy's run; samples a second of its amplitude.
-_RTOL, _LONGEST, _RATE = 1e-11, 5e-5, 4000.0
+_RTOL, LONGEST, _RATE = 1e-11, 5e-5, 4000.0
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def naive_amplitude(scene: Scene) -> float:
     begin, end = scene.steady_window
     motion = solve_ivp(
         derivative, (0.0, end), one.start(), "DOP853",
-        np.arange(begin, end, 1.0 / _RATE), rtol=_RTOL, atol=1e-12, max_step=_LONGEST,
+        np.arange(begin, end, 1.0 / _RATE), rtol=_RTOL, atol=1e-12, max_step=LONGEST,
     )  # fmt: skip
     return half_peak_to_peak(motion.y[:n].sum(axis=0))
 
@@ -172,7 +172,7 @@ def _costs() -> tuple[list[str], list[list[str]]]:
             integration = Integration(scene, fidelity)
             integration.warm_up()
             times = []
-            for _ in range(_REPEATS):
+            for _ in range(REPEATS):
                 state, begun = integration.initial_state(), time.perf_counter()
                 integration.advance(state, integration.table)
                 times.append(time.perf_counter() - begun)

@@ -40,9 +40,9 @@ _RADIUS, _HEIGHT, _IMMOVABLE = 10.0, 1e3, 1e15
 #: How far beyond the first touch the motions begin that strike the stop, over the first mode's frequency.
 _BEYOND = 1e-4
 #: Samples of a period, tolerance of runs, and points at which scipy checks.
-_SAMPLES, _RTOL, _CHECKED = 1024, 1e-10, 12
+_SAMPLES, _RTOL, CHECKED = 1024, 1e-10, 12
 #: Longest step along the curve of harmonic balance, and change of a Newton step below which it has converged.
-_STEP, _CONVERGED = 5e-3, 1e-9
+STEP, _CONVERGED = 5e-3, 1e-9
 #: Arguments of the example in the help.
 EXAMPLE = "--order 63"
 
@@ -201,7 +201,7 @@ class HarmonicBalance:
     def curve(self) -> Array:
         """Return frequency over the first mode's, and largest displacement of mass 2 (points, 2)."""
         first, size = 2.0 * math.pi * FIRST, 2 * self.order + 1
-        z, direction, step = np.append(np.zeros(2 * size), SPAN[0] * first), np.zeros(2 * size + 1), _STEP
+        z, direction, step = np.append(np.zeros(2 * size), SPAN[0] * first), np.zeros(2 * size + 1), STEP
         z[:-1] = np.linalg.solve(self.linear(float(z[-1]))[0], FORCE * np.eye(2 * size)[size + 1])
         direction[-1], found = 1.0, []
         while True:  # to the first point beyond the span
@@ -221,7 +221,7 @@ class HarmonicBalance:
                 change = np.linalg.solve(np.vstack((slope, tangent)), -np.append(missing, (tried - z) @ tangent - step))
                 tried = tried + change
                 if np.abs(change).max() < _CONVERGED:
-                    return tried, min(1.3 * step, _STEP)
+                    return tried, min(1.3 * step, STEP)
             step *= 0.5
 
 
@@ -255,7 +255,7 @@ def run(args: argparse.Namespace) -> int:
         curve = HarmonicBalance(order).curve()
         each, apart = 1e3 * (time.perf_counter() - begun) / len(curve), distance(points, curve)
         rows.append([f"harmonic balance, {order}", len(curve), each, curve[:, 1].max(), np.median(apart), apart.max()])
-    chosen = [found.motions[k] for k in np.linspace(0, len(points) - 1, _CHECKED).astype(int)]
+    chosen = [found.motions[k] for k in np.linspace(0, len(points) - 1, CHECKED).astype(int)]
     checks = [(motion, checked(motion)) for motion in chosen]
     losses = [
         (each.loss.name.lower(), each.motion.conditions.frequency / FIRST, second_mass(integration, each.motion),

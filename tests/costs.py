@@ -86,8 +86,11 @@ def install(config: pytest.Config) -> None:
         config.pluginmanager.register(Meter(Path(folder)))
 
 
-def costs(folder: Path) -> dict[str, float]:
-    """Return the core seconds of every test, from what the workers have written."""
+def costs(folder: Path) -> tuple[dict[str, float], float, float]:
+    """Return the core seconds of every test, and of all the processor time and the time waited for [s].
+
+    From what the workers have written in `folder`.
+    """
     spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
     uses: dict[str, set[str]] = {}
     shared: list[tuple[str, str, list[float]]] = []
@@ -108,22 +111,25 @@ def costs(folder: Path) -> dict[str, float]:
         for node in users:
             spent[node] = [a + b / len(users) for a, b in zip(spent[node], whole, strict=True)]
     share = {True: CORES, False: CORES / WORKERS}  # of the machine, while it runs
-    return {node: max(processor, clock * share[node in alone]) for node, (processor, clock) in spent.items()}
+    dear = {node: max(processor, clock * share[node in alone]) for node, (processor, clock) in spent.items()}
+    processor, clock = (sum(each) for each in zip(*spent.values(), strict=True))
+    return dear, processor, clock - processor
 
 
 def measure() -> int:
     """Run all tests and write the table; return pytest's exit status."""
     with tempfile.TemporaryDirectory(prefix="atpid-costs-") as folder:
-        words = [sys.executable, "-m", "pytest", "-q", "-n", str(WORKERS), "--dist", "loadfile", "-m", "not wall_time"]
         environment = os.environ | {FOLDER: folder, "OPENBLAS_NUM_THREADS": "1"}
-        status = subprocess.run(words, cwd=ROOT, env=environment, check=False).returncode
-        alone = [*words[:4], "0", "-m", "wall_time"]
-        status = subprocess.run(alone, cwd=ROOT, env=environment, check=False).returncode or status
-        found = costs(Path(folder))
+        status = 0
+        for marks, abreast in (("not wall_time", ["-n", str(WORKERS), "--dist", "loadfile"]), ("wall_time", [])):
+            words = [sys.executable, "-m", "pytest", "-q", *abreast, "-m", marks]
+            status = subprocess.run(words, cwd=ROOT, env=environment, check=False).returncode or status
+        found, processor, waited = costs(Path(folder))
     rows = sorted((node, cost) for node, cost in found.items() if cost >= CHEAP)
     rows.append((OTHERS, sum(cost for cost in found.values() if cost < CHEAP)))
     TABLE.write_text("".join(f"{cost:.1f}\t{node}\n" for node, cost in rows), encoding="utf-8")
-    print(f"{len(found)} tests, {sum(found.values()):.0f} core seconds; {len(rows)} rows in {TABLE}")
+    print(f"{len(found)} tests, {sum(found.values()):.0f} core seconds; {len(rows) - 1} rows in {TABLE}")
+    print(f"{processor:.0f} s of processor time, {waited:.0f} s waited for something else")
     return status
 
 

@@ -20,13 +20,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
-from atpid_interfaces.msg import ExcitationCommand
+from atpid_interfaces.msg import Excitation, ExcitationCommand
 from excitation_rigs import calibrate_shaker
 from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.messages import STATES, STEADY, time_of
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.excitation_node import ExcitationNode
@@ -42,8 +43,10 @@ SHORTEST_RAMP, RATE = 0.05, 2000.0
 #: A smaller voltage is none [V].
 NOTHING = 1e-4
 #: So long without an answer, and a needed node is silent; without the supervisor, and nothing is permitted; without a
-#: command, and the output ramps down [s].
-ANSWER_TIME, SUPERVISION, STALE = 0.3, 0.3, 0.3
+#: command, and the output ramps down; an estimate that can be used is waited for; the output is at its limits [s].
+ANSWER_TIME, SUPERVISION, STALE, BLIND, SATURATION = 0.3, 0.3, 0.3, 0.2, 0.1
+#: Share by which a command may be missed and is held.
+TOLERANCE = 0.02
 EXCITER, MOTOR = "excitation_node", "motor_node"
 SUPERVISOR, IDENTIFIER = "supervisor_node", "identifier_node"
 NEEDED = [IDENTIFIER, MOTOR, EXCITER]
@@ -51,7 +54,7 @@ EXCITER_VALUES: dict[str, Any] = {
     "backend": "labjack_stream", "highest_amplitude": HIGHEST, "lowest_frequency": BAND[0],
     "highest_frequency": BAND[1], "rise_time": SHORTEST_RAMP, "stop_time": SHORTEST_RAMP, "frequency_rate": 40.0,
     "stale_timeout": STALE, "supervision_timeout": SUPERVISION, "supervised": True, "calibration": "output.yaml",
-    "sample_rate": RATE,
+    "hold_timeout": BLIND, "saturation_time": SATURATION, "hold_tolerance": TOLERANCE, "sample_rate": RATE,
 }  # fmt: skip
 MOTOR_VALUES: dict[str, Any] = {
     "backend": "simulated", "lowest": 0.017, "highest": 1.0, "speed": 0.01, "initial_height": 0.017,
@@ -85,13 +88,16 @@ class Record(threading.Thread):
         self._header = np.memmap(file, HEADER, "r", shape=(1,))[0]
         self._queue = np.memmap(file, np.float64, "r", offset=DATA_OFFSET, shape=(QUEUE,))
         self._over = threading.Event()
+        self._chunks: deque[tuple[Floats, Floats]] = deque(maxlen=200)
         self._out: list[float] = []  # when there was an output, steady [s]
         self._known = 0.0  # until then the output is known [s]
         self._late: deque[Stretch] = deque(maxlen=5000)
         self._begun = self._taken = 0
         self._played = -1
         self._fed = 0.0  # when something was written last [s]
+        self._crossing = math.nan  # place of the last change of sign
         self._before = 0.0  # the sample before
+        self.noise = False  # what is put out need not be a tone
         self.undisturbed = True  # nobody has stopped the process of the output
         self.broken: list[str] = []
         self.samples = 0
@@ -126,13 +132,26 @@ class Record(threading.Thread):
     def any(self, begin: float, end: float) -> bool:
         return not math.isnan(self.first(begin, end))
 
+    def recent(self, seconds: float) -> tuple[float, float]:
+        """Return amplitude [m] and frequency [Hz] over the last `seconds` [s]; NaN: no tone."""
+        begin = time.monotonic() - seconds
+        chunks = [chunk for chunk in list(self._chunks) if chunk[0][-1] > begin]
+        if not chunks:
+            return math.nan, math.nan
+        times, volts = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
+        places = crossings(volts)
+        if len(places) < 3:
+            return math.nan, math.nan
+        moments = np.interp(places, np.arange(len(times)), times)
+        return float(np.abs(volts).max() * SCALE), float(0.5 * (len(places) - 1) / (moments[-1] - moments[0]))
+
     def _look(self) -> None:
         header, now = self._header, time.monotonic_ns()
         start, written, streams = int(header["start_ns"]), int(header["written"]), bool(header["streams"])
         if start != self._begun or written < self._taken:
             self.undisturbed = self.undisturbed or start != self._begun
             self._begun, self._taken, self._played = start, 0, -1
-            self._before, self._fed = 0.0, now * 1e-9
+            self._crossing, self._before, self._fed = math.nan, 0.0, now * 1e-9
         if written > self._taken:
             self._judge(self._queue[np.arange(self._taken, written) % QUEUE] - float(header["volts"][1]))
             self._taken, self._fed = written, now * 1e-9
@@ -147,7 +166,9 @@ class Record(threading.Thread):
     def _keep(self, times: Floats, volts: Floats) -> None:
         new = times > self._known
         if new.any():
-            self._out.extend(times[new & (np.abs(volts) > NOTHING)].tolist())
+            times, volts = times[new], volts[new]
+            self._chunks.append((times, volts))
+            self._out.extend(times[np.abs(volts) > NOTHING].tolist())
             self._known = float(times[-1])
 
     def _play(self, now: int, volts: float, written: int) -> None:
@@ -166,16 +187,38 @@ class Record(threading.Thread):
     def _judge(self, values: Floats) -> None:
         """Compare samples (n,) [V], which follow those before, with what may go out at all."""
         self.samples += len(values)
-        largest = HIGHEST / SCALE
+        largest, (low, high) = HIGHEST / SCALE, BAND
         if not np.isfinite(values).all():
             self.broken.append("a sample is no number")
             return
         if (peak := float(np.abs(values).max())) > largest * (1.0 + 1e-6):
             self.broken.append(f"{peak * SCALE:g} m are put out; allowed: {HIGHEST:g} m")
-        fastest = largest * (2.0 * math.pi * BAND[1] + 1.0 / SHORTEST_RAMP) / RATE
-        if (step := float(np.abs(np.diff(values, prepend=self._before)).max())) > fastest * 1.01:
+        both = np.append(self._before, np.where(np.abs(values) < 1e-9, 0.0, values))
+        fastest = largest * (2.0 * math.pi * high + 1.0 / SHORTEST_RAMP) / RATE
+        if (step := float(np.abs(np.diff(both)).max())) > fastest * 1.01:
             self.broken.append(f"a step of {step:g} V from one sample to the next; allowed: {fastest:g} V")
-        self._before = float(values[-1])
+        self._before = float(both[-1])
+        if self.noise:
+            self._crossing = math.nan
+            return
+        places = crossings(both)
+        zeros = np.flatnonzero(both == 0.0)
+        for place in places:
+            since = self._crossing
+            if not math.isnan(since) and not ((zeros > since) & (zeros < place)).any():
+                frequency = 0.5 * RATE / (place - since)
+                if not low * 0.99 <= frequency <= high * 1.01:
+                    self.broken.append(f"{frequency:g} Hz are put out; allowed: {low:g} to {high:g} Hz")
+            self._crossing = place
+        if len(zeros) and not self._crossing > zeros[-1]:
+            self._crossing = math.nan
+        self._crossing -= len(values)
+
+
+def crossings(values: Floats) -> Floats:
+    """Return where values (n,) change their sign (m,), between two of them."""
+    at = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    return np.asarray(at + values[at] / (values[at] - values[at + 1]))
 
 
 class Spinner(threading.Thread):
@@ -229,6 +272,62 @@ class Spinner(threading.Thread):
         self._executor.shutdown()
 
 
+class Estimate(NamedTuple):
+    """One that was published: when, of when it is, and what it says."""
+
+    at: float  # steady [s]
+    of: float  # by its stamp, steady [s]
+    quality: int
+    amplitude: float  # [m]
+    frequency: float  # [Hz]
+    usable: bool
+    put: tuple[float, float]  # what the device put out [m], [Hz]
+
+
+@dataclass
+class Identifier:
+    """A node that estimates the excitation from the device's voltage, as well as it is told to."""
+
+    node: Node
+    record: Record
+    quality: int = Excitation.STEADY
+    gain: float = 1.0  # identified over put out
+    pitch: float = 1.0  # the same of the frequency
+    way: str = "fresh"  # frozen: the last one again; late: of before; none
+    sent: deque[Estimate] = field(default_factory=lambda: deque(maxlen=2000))
+
+    WINDOW, LATE = 0.2, 0.3
+
+    def __post_init__(self) -> None:
+        self._publisher = self.node.create_publisher(Excitation, "excitation", STATES)
+        self._last: Excitation | None = None
+        self._of, self._put = -math.inf, (math.nan, math.nan)
+        self.node.create_timer(0.05, self._estimate, clock=STEADY)
+
+    def honest(self) -> None:
+        self.quality, self.gain, self.pitch, self.way = Excitation.STEADY, 1.0, 1.0, "fresh"
+
+    def _estimate(self) -> None:
+        if self.way == "none":
+            return
+        now, wall = time.monotonic(), time.time()
+        if self.way != "frozen" or self._last is None:
+            amplitude, frequency = self.record.recent(self.WINDOW)
+            quality = self.quality if math.isfinite(amplitude) else Excitation.NONE
+            self._last = Excitation(quality=quality, amplitude=self.gain * amplitude, frequency=self.pitch * frequency,
+                                    window=0.01)  # fmt: skip
+            back = self.LATE if self.way == "late" else 0.0
+            self._last.header.stamp = time_of(round((wall - back) * 1e9))
+            self._put = amplitude, frequency
+        made = self._last
+        of = made.header.stamp.sec + made.header.stamp.nanosec * 1e-9 - wall + now
+        good = made.quality in (Excitation.STEADY, Excitation.TRANSIENT)
+        usable = good and of > self._of + 1e-4 and now - of < 0.5
+        self._of = of
+        self.sent.append(Estimate(now, of, made.quality, made.amplitude, made.frequency, usable, self._put))
+        self._publisher.publish(made)
+
+
 class Graph:
     """The nodes, each in a thread of its own, the device, and an executor for what the test itself adds."""
 
@@ -243,8 +342,8 @@ class Graph:
         self.exciter = self._made(ExcitationNode, EXCITER_VALUES | more)
         self.motor = self._made(MotorNode, MOTOR_VALUES)
         self.supervisor = self._made(SupervisorNode, SUPERVISOR_VALUES)
-        self.identifier = Node(IDENTIFIER, context=self.context)  # which the supervisor needs
-        nodes = (self.exciter, self.motor, self.supervisor, self.identifier)
+        self.identifier = Identifier(Node("identifier_node", context=self.context), self.record)
+        nodes = (self.exciter, self.motor, self.supervisor, self.identifier.node)
         self.spinners = {str(node.get_name()): Spinner(node, self.context) for node in nodes}
         self.executor = TurnExecutor(context=self.context)
         self._own: list[Node] = []
@@ -288,7 +387,7 @@ class Graph:
         self.motor.destroy_node()
         self.supervisor.close()
         self.record.close()
-        for node in (self.supervisor, self.identifier, *self._own):
+        for node in (self.supervisor, self.identifier.node, *self._own):
             with suppress(Exception):
                 node.destroy_node()
         self.executor.shutdown()
@@ -360,7 +459,9 @@ def refused(command: ExcitationCommand) -> bool:
         return True
     if command.kind == ExcitationCommand.SINE:
         return False
-    return not low * 0.999 <= command.end_frequency <= high * 1.001
+    if not low * 0.999 <= command.end_frequency <= high * 1.001:
+        return True
+    return bool(command.hold and command.kind == ExcitationCommand.RANDOM)
 
 
 class Account:
@@ -452,10 +553,11 @@ class Account:
             return False
         return self._record.any(at - 0.06, at)
 
-    def follow(self, now: float) -> None:
+    def follow(self, now: float, estimates: Sequence[Estimate]) -> None:
         """Add what follows from what has lasted up to `now`."""
         self._follow_hangs(now)
         self._follow_silence(now)
+        self._follow_hold(now, estimates)
 
     def _sure(self, begin: float, end: float) -> float:
         """Return how long something has lasted for everybody, whatever was late [s]."""
@@ -494,3 +596,38 @@ class Account:
             if lasted > STALE + CLEAR and not any(ban.since == at and ban.why == "silence" for ban in self.bans):
                 self.ban("silence", at, STALE + STOPPED, latched=False)
         self._silences = max(0, len(sent) - 1)
+
+    def _follow_hold(self, now: float, estimates: Sequence[Estimate]) -> None:
+        """Nothing usable was identified, or the output was at its limits and missed the command."""
+        decision = self.decision
+        if (
+            decision is None
+            or not decision.moves
+            or not decision.message.hold
+            or not self.commanded(now - 0.3, now - 0.1)
+        ):
+            return
+        command = decision.message
+        frequency = min(
+            command.frequency, *([command.end_frequency] if command.kind == ExcitationCommand.SWEEP else []), math.inf
+        )
+        blind = max(BLIND, 5.0 / frequency)
+        usable = max((one.at for one in estimates if one.usable), default=0.0)
+        begin = max(decision.first + 0.25, usable)
+        if self._sure(begin, now) > blind + CLEAR and self.commanded(begin, now - 0.1):
+            self.ban(f"nothing usable was identified for {blind:g} s", begin, blind + STOPPED)
+        self._follow_saturation(now, decision, estimates)
+
+    def _follow_saturation(self, now: float, decision: Decision, estimates: Sequence[Estimate]) -> None:
+        command, begin = decision.message, decision.first + 0.25
+        if command.kind != ExcitationCommand.SINE:
+            return
+        for one in reversed(estimates):
+            short = one.amplitude < command.amplitude * (1.0 - 3.0 * TOLERANCE) and one.put[0] > HIGHEST * 0.999
+            slow = one.frequency < command.frequency * (1.0 - 3.0 * TOLERANCE) and one.put[1] > BAND[1] * 0.999
+            if one.at < begin or not one.usable or not (short or slow):
+                begin = max(begin, one.at)
+                break
+        # the controller's first step comes after the delay of its estimates
+        if self._sure(begin, now) > SATURATION + 0.5 + CLEAR and self.commanded(begin, now - 0.1):
+            self.ban("the output is at its limits and misses the command", begin, SATURATION + 0.5 + STOPPED)

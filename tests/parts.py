@@ -19,7 +19,7 @@ TABLE = Path(__file__).parent / "costs.tsv"
 #: where that is more, since three tests at once share two cores.
 CHEAP = 0.2  # below this a test has no row of its own
 OTHERS = "all others"
-FUNCTION = 2.0
+FUNCTION = 1.2
 FILE = 10.0
 #: Of `make test`, on two cores: 300 s less the start and the checks.
 BUDGET = 400.0

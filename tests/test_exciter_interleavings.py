@@ -20,7 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from atpid_interfaces.msg import CeilingState, ExcitationCommand, ExcitationState, SampleBlock, SupervisorState
+from atpid_interfaces.msg import (
+    CeilingState,
+    Excitation,
+    ExcitationCommand,
+    ExcitationState,
+    SampleBlock,
+    SupervisorState,
+)  # fmt: skip
 from excitation_rigs import output_process, stand_in
 from exciter_graph import (
     ABORT,
@@ -32,10 +39,12 @@ from exciter_graph import (
     MOTOR,
     STOPPED,
     SUPERVISOR,
+    TOLERANCE,
     UNREACHABLE,
     Account,
     Ban,
     Decision,
+    Estimate,
     Graph,
     Hang,
     Stretch,
@@ -66,6 +75,8 @@ ROUND = settings(
 #: How often an example is begun anew where this machine is so busy that a stop comes before its output, how long that
 #: is waited for, and for how long examples are begun [s]: what a busy machine does not get to is left out.
 TRIES, PATIENCE, BEGUN_FOR = 3, 3.0, math.inf if LONG else 45.0
+#: Until an output is held, on a machine without other work [s].
+HELD = 1.9
 #: Between two commands of the commander [s].
 PERIOD = 0.05
 ARMED = (CeilingState.HOMING, CeilingState.HOLDING, CeilingState.MOVING)
@@ -78,7 +89,7 @@ class Stand:
 
     def __init__(self, folder: Path, library: Path) -> None:
         self.graph = Graph(folder, library)
-        self.record = self.graph.record
+        self.record, self.identifier = self.graph.record, self.graph.identifier
         self.account = Account(self.record, self.graph.unresponsive)
         self.log: list[str] = []
         self.operator = self.graph.add("operator")
@@ -99,7 +110,7 @@ class Stand:
         self.rests = math.nan  # since when the exciter has said that there is no output, steady [s]
         self.problem = self.told = ""
         self.end = time.monotonic() + BEGUN_FOR
-        self.runs = 0  # how often there was an output
+        self.runs = self.holds = 0  # how often there was an output, and how many states said that it is held
         watch = self.operator.create_subscription
         watch(SupervisorState, "supervisor/state", self._on_supervisor, STATES)
         watch(CeilingState, "ceiling/state", self._on_ceiling, STATES)
@@ -139,8 +150,12 @@ class Stand:
 
     def _on_state(self, state: ExcitationState) -> None:
         at, before = steady(state), self.state
-        if (state.mode, state.fault) != (before.mode, before.fault):
-            self.note(f"exciter: {state.mode} {state.fault}")
+        if (state.mode, state.fault, state.held) != (before.mode, before.fault, before.held):
+            held = " held" if state.held else ""
+            self.note(f"exciter: {state.mode}{held} {state.fault}")
+        if state.held:
+            self.holds += 1
+            self._check_held(at)
         off = state.mode in (ExcitationState.OFF, ExcitationState.FAULT) and "not confirmed" not in state.fault
         if not off or state.amplitude != 0.0:
             self.rests = math.nan
@@ -151,6 +166,21 @@ class Stand:
         if rested and not math.isnan(out := self.record.first(self.rests + 0.2 + late, at - 0.15 - late)):
             self.fail(f"output at {out:.3f} s, while the exciter says since {self.rests:.3f} s that there is none")
         self.state = state
+
+    def _check_held(self, at: float) -> None:
+        """Compare with what was published last; what is on its way at the time is not."""
+        late = 3.0 * self.record.late(at - 0.7, at) + sum(
+            min(end, at) - begin for begin, end in self.graph.unresponsive([EXCITER]) if begin < at and end > at - 0.7
+        )
+        known = [one for one in list(self.identifier.sent) if one.at < at]
+        arriving = [one for one in known if one.at > at - 0.15 - late]
+        decided = [one for one in self.account.decisions if one.first < at and not one.refused]
+        arrived = [one for one in decided if one.first < at - 0.3 - late]
+        wanted = decided[max(0, len(arrived) - 1) :]
+        candidates = known[len(known) - len(arriving) - 1 :]
+        if not any(holds(one, each.message, at - 0.6 - late) for one in candidates for each in wanted):
+            last = [(*tuple(one)[2:5], round(at - one.of, 3)) for one in candidates]
+            self.fail(f"held at {at:.3f} s, of which the last estimates say {last}")
 
     # What persons and programs do.
 
@@ -185,14 +215,18 @@ class Stand:
         self._decided(ExcitationCommand(sequence=next(self.sequence), **values))
 
     def _decided(self, command: ExcitationCommand) -> None:
-        now = time.monotonic()
+        now, before = time.monotonic(), self.account.decision
+        if command.kind == RANDOM:
+            self.record.noise = True
+        elif not self.record.any(now - 0.5, now) and (before is None or before.message.kind != RANDOM):
+            self.record.noise = False
         decision = Decision(command, now, refused(command))
         self.account.decisions.append(decision)
         if command.kind == OFF:
             self.account.ban("OFF", now, STOPPED, latched=False)
         outside = " (outside the limits)" if decision.refused else ""
         self.note(f"command {command.sequence}: kind {command.kind}, {command.amplitude:g} m, {command.frequency:g} to "
-                  f"{command.end_frequency:g} Hz{outside}")  # fmt: skip
+                  f"{command.end_frequency:g} Hz, hold {command.hold}{outside}")  # fmt: skip
         self.repeats, self.due = True, now + PERIOD
         self.rests = math.nan  # an output that a stop ends at once may lie between two states
         self.send()
@@ -366,7 +400,7 @@ class Stand:
         now = time.monotonic()
         self._judge_second(now)
         self._judge_disarmed(now)
-        self.account.follow(now)
+        self.account.follow(now, list(self.identifier.sent))
         self.graph.raise_errors()
         problem = self.problem or "; ".join(self.record.broken[:3]) or self.account.broken(now)
         if problem:
@@ -379,6 +413,7 @@ class Stand:
         if self.second is not None:
             self.second_leaves()
         graph.control.replug()
+        self.identifier.honest()
         graph.until(lambda: not any(one.hanging for one in graph.spinners.values()), self.turn)
         graph.until(lambda: not self.waiting, self.turn)
         self._answered(f"{EXCITER}/stop")
@@ -390,6 +425,7 @@ class Stand:
         graph.until(lambda: not self.record.any(time.monotonic() - 0.1, time.monotonic()), self.turn)
         graph.until(lambda: self.state.mode == ExcitationState.OFF, self.turn)
         self.record.forget()
+        self.record.noise = False
         for spinner in graph.spinners.values():
             spinner.hangs.clear()
             spinner.busy.clear()
@@ -431,6 +467,16 @@ def copied(command: ExcitationCommand) -> ExcitationCommand:
     return ExcitationCommand(**{name: getattr(command, name) for name in fields})
 
 
+def holds(estimate: Estimate, command: ExcitationCommand, since: float) -> bool:
+    """Return whether an estimate shows that a command is held."""
+    if estimate.quality != Excitation.STEADY or estimate.of < since or not command.hold:
+        return False
+    near = abs(math.log(estimate.amplitude / command.amplitude)) <= TOLERANCE * 1.05
+    ends = [command.frequency] if command.kind == SINE else [command.frequency, command.end_frequency]
+    low, high = min(ends) * (1.0 - 1.05 * TOLERANCE), max(ends) * (1.0 + 1.05 * TOLERANCE)
+    return near and low <= estimate.frequency <= high
+
+
 #: Times for which something lasts [s].
 SHORT = st.sampled_from([0.0, 0.03, 0.1, 0.3, 0.6])
 SECONDS = st.sampled_from([0.1, 0.25, 0.4, 0.7, 1.0])
@@ -461,20 +507,20 @@ class Interleaving(RuleBasedStateMachine):
     stand: Stand
     left_out = False
 
-    @initialize(amplitude=AMPLITUDES)
-    def run(self, amplitude: float) -> None:
+    @initialize(hold=st.booleans(), held=st.booleans(), amplitude=AMPLITUDES)
+    def run(self, hold: bool, held: bool, amplitude: float) -> None:
         """Begin with an output; where this machine does not come to it, the example is left out."""
         stand = self.stand
         self.left_out = time.monotonic() > stand.end
         for _ in range(0 if self.left_out else TRIES):
             stand.begin()
-            stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=12.5)
+            stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=12.5, hold=hold)
             begin = time.monotonic()
             while not stand.account.stopped() and time.monotonic() < begin + PATIENCE:
                 stand.turn()
                 if stand.record.any(begin, time.monotonic()):
                     stand.runs += 1
-                    self.then(0.3)
+                    self.then(HELD if hold and held else 0.3)
                     return
             busy = stand.record.late(begin - 0.5, time.monotonic()) > 0.05
             assert busy or stand.account.stopped(), "\n".join(["armed and commanded, and no output", *stand.log])
@@ -491,15 +537,16 @@ class Interleaving(RuleBasedStateMachine):
         while waits and not answered() and time.monotonic() < end:
             self.stand.turn()
 
-    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES)
+    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, hold=st.booleans())
     def a_tone(self, **values: Any) -> None:
         self.stand.decide(kind=SINE, **values)
 
-    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, end_frequency=FREQUENCIES)
+    @act(amplitude=AMPLITUDES, frequency=FREQUENCIES, end_frequency=FREQUENCIES, hold=st.booleans())
     def a_sweep(self, **values: Any) -> None:
         self.stand.decide(kind=SWEEP, duration=0.7, **values)
 
-    @act(amplitude=st.sampled_from([0.05, 0.15, 0.5]).map(lambda share: share * HIGHEST))
+    @act(amplitude=st.sampled_from([0.05, 0.15, 0.5]).map(lambda share: share * HIGHEST),
+         hold=st.sampled_from([False, False, True]))  # fmt: skip
     def noise(self, **values: Any) -> None:
         self.stand.decide(kind=RANDOM, frequency=5.0, end_frequency=15.0, **values)
 
@@ -512,6 +559,13 @@ class Interleaving(RuleBasedStateMachine):
         self.stand.repeats = repeats
         self.stand.note("goes on commanding" if repeats else "is silent")
 
+    @act(seconds=SECONDS)
+    def it_pauses_and_goes_on(self, seconds: float) -> None:
+        self.stand.repeats = False
+        self.stand.note(f"is silent for {seconds:g} s")
+        self.then(seconds)
+        self.stand.repeats = self.stand.account.decision is not None
+
     @act()
     def the_commander_starts_again(self) -> None:
         self.stand.restart_commander()
@@ -522,6 +576,13 @@ class Interleaving(RuleBasedStateMachine):
             self.stand.second_comes(speaks)
         else:
             self.stand.second_leaves()
+
+    @act(speaks=st.booleans(), seconds=SECONDS)
+    def a_second_commander_is_there_for_a_while(self, speaks: bool, seconds: float) -> None:
+        if self.stand.second is None:
+            self.stand.second_comes(speaks)
+        self.then(seconds)
+        self.stand.second_leaves()
 
     @act(how=st.sampled_from(STOPS), waits=st.booleans())
     def stop(self, how: str, waits: bool) -> None:
@@ -535,15 +596,15 @@ class Interleaving(RuleBasedStateMachine):
     def arm_exciter(self, how: str, waits: bool) -> None:
         self.wait(self.stand.arm_exciter(how), waits)
 
-    @act(amplitude=AMPLITUDES, anew=st.booleans())
-    def a_person_arms_all_and_commands(self, amplitude: float, anew: bool) -> None:
+    @act(amplitude=AMPLITUDES, hold=st.booleans(), anew=st.booleans())
+    def a_person_arms_all_and_commands(self, amplitude: float, hold: bool, anew: bool) -> None:
         """As it should be done; without a new command nothing may happen."""
         stand = self.stand
         stand.graph.control.replug()
         self.wait(stand.arm_all("arm"))
         self.wait(stand.arm_exciter("arm_exciter"))
         if anew:
-            stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=10.0)
+            stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=10.0, hold=hold)
         else:
             stand.repeats = True
         self.then(0.2)
@@ -559,6 +620,17 @@ class Interleaving(RuleBasedStateMachine):
     @act(how=st.sampled_from(["unplug", "replug", "glitch"]))
     def the_device(self, how: str) -> None:
         self.stand.device(how)
+
+    @act(
+        quality=st.sampled_from([Excitation.STEADY, Excitation.STEADY, Excitation.TRANSIENT, Excitation.POOR,
+                                 Excitation.NONE]),
+        gain=st.sampled_from([1.0, 1.0, 0.3, 0.9, 1.015, 1.03, 2.0]), pitch=st.sampled_from([1.0, 1.0, 0.5, 0.97, 1.5]),
+        way=st.sampled_from(["fresh", "fresh", "frozen", "late", "none"]),
+    )  # fmt: skip
+    def it_is_identified(self, quality: int, gain: float, pitch: float, way: str) -> None:
+        identifier = self.stand.identifier
+        identifier.quality, identifier.gain, identifier.pitch, identifier.way = quality, gain, pitch, way
+        self.stand.note(f"identified: quality {quality}, {gain:g} of the amplitude, {pitch:g} of the frequency, {way}")
 
     @act(then=st.sampled_from([0.5, 1.0, 2.0]))
     def time_passes(self) -> None:
@@ -596,5 +668,5 @@ def test_no_interleaving_breaks_a_rule(tmp_path: Path, monkeypatch: pytest.Monke
         for number in seeds():
             print(f"seed {number}")
             run_state_machine_as_test(seed(number)(OfThisStand), settings=ROUND)
-        print(f"{stand.runs} interleavings, {stand.record.samples} samples")
+        print(f"{stand.runs} interleavings, {stand.record.samples} samples, {stand.holds} states that it is held")
         assert stand.runs

@@ -3,7 +3,6 @@
 """The whole graph in lockstep: it repeats itself, meets the thesis's adaptive bench, and follows what changes."""
 
 import os
-import re
 import signal
 from collections import Counter
 from dataclasses import replace
@@ -15,19 +14,14 @@ import numpy as np
 import pytest
 from atpid_interfaces.msg import Event, Excitation
 from graph_runs import decoded, in_lockstep, parameters, scene_file
-from test_figures import differences
 
-from atpid_control.cli import main
-from atpid_control.runs.check import check
-from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.read import Bag
 from atpid_control.runs.run import open_run
-from atpid_control.runs.verify import verify
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.running import run_lockstep
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
 from atpid_control.views.report.stages import stages
-from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.maps import DamperResponse, HeightMap
 from atpid_sim.scene import load_scene
 from studies.pure_loop import LoopRun, run_loop
@@ -56,21 +50,9 @@ def true(bag: Bag, name: str) -> Any:
 
 
 @pytest.fixture(scope="module")
-def bench(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the thesis's adaptive bench leaves."""
-    folder = tmp_path_factory.mktemp("adaptive")
-    assert main(["bench", str(scenes / "thesis_4_3.yaml"), "--out", str(folder)]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def adaptive(bench: Path) -> Bag:
-    return open_bag(bench / "bag")
-
-
-def test_the_picture_of_the_adaptive_bench_is_that_of_the_documentation(bench: Path, root: Path) -> None:
-    printed = numbers_in(root / "docs/figures/bench.png")
-    assert differences(printed, numbers_in(bench / "overview.png")) == [], "out of date: run `make figures`"
+def adaptive(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Bag:
+    """The bag of the thesis's adaptive bench."""
+    return in_lockstep(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("adaptive"))
 
 
 def test_two_runs_with_the_same_seed_give_the_same_messages_of_every_sensor(scenes: Path, tmp_path: Path) -> None:
@@ -102,6 +84,7 @@ def test_every_block_is_there_and_answered_with_the_stamp_of_its_last_sample(ada
 STAGES = [(6.0, 0.015, 0.29, 0.333), (13.0, 0.04, 0.76, 0.888), (20.0, 0.03, 0.57, 0.666)]
 
 
+@pytest.mark.always("the whole graph in lockstep")
 @pytest.mark.parametrize(("end", "excitation", "height", "closed"), STAGES)
 def test_the_adaptive_bench_of_the_thesis(
     adaptive: Bag, end: float, excitation: float, height: float, closed: float
@@ -204,34 +187,6 @@ def test_a_method_that_computes_runs_on_the_bench(scenes: Path, tmp_path: Path, 
     assert not [event for event in messages(bag, "/events") if event.severity == Event.ALARM]
 
 
-def test_the_bench_is_recorded_from_before_the_level_on(scenes: Path, tmp_path: Path) -> None:
-    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=6.0, steady_window=[5.0, 6.0])
-    _, started = parameters(path, tmp_path / "run", lockstep=True)
-    started["recorder_node"] |= {
-        "trigger": "sensors/laser beam_displacement", "trigger_level": 0.05, "trigger_pre": 0.3, "trigger_post": 2.0,
-        "max_bag_duration": 1.0,
-    }  # fmt: skip
-    with own_domain():
-        run_lockstep(started, lambda _: None)
-    folder = tmp_path / "run" / "bag"
-    bag = open_bag(folder)
-    assert [path.name for path in sorted(folder.glob("*.mcap"))] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
-    blocks = messages(bag, "/sensors/laser")
-    first, last = int(blocks[0].first_index), int(blocks[-1].first_index) + 50
-    column = list(blocks[0].channels).index("beam_displacement")
-    beam = np.concatenate([np.asarray(one.data).reshape(-1, len(one.channels))[:, column] for one in blocks])
-    (at,) = map(int, re.findall(r" (\d+)\b(?!\.)", bag.result["trigger"]))
-    assert beam[at - first] >= 0.05 > beam[at - first - 1]
-    assert first <= at - 300 < first + 50
-    assert at + 2000 < last <= at + 2050
-    assert verify(folder).lost == ()
-    assert check(folder).findings == []
-    assert len(messages(bag, "/excitation")) == len(blocks)
-
-
-# a frequency that drifts or steps, and two tones
-
-
 def test_a_drift_of_one_per_cent_a_second_is_followed_without_rumble(scenes: Path, tmp_path: Path) -> None:
     """Shortened: 5.3 to 5.47 Hz in 3.2 s. No step, rumble or step back; the beam keeps to what its height leaves."""
     changes = {"duration": 10.0, "steady_window": [9.0, 10.0], "frequency": [[5.0, 5.3], [8.2, 5.47]]}
@@ -271,24 +226,3 @@ def test_a_frequency_that_steps_is_selected_for_and_closed_where_the_damper_is_o
     assert (late["excitation_changed"], late["no_use"]) == (2, 1)
     reasons = {message.reason for message in messages(bag, "/ceiling/command")}
     assert any({"no", "use", "0.015", "3.2"} <= set(reason.split()) for reason in reasons)
-
-
-def test_two_tones_are_refused_with_a_sentence_and_the_ceiling_stays(scenes: Path, tmp_path: Path) -> None:
-    t = np.arange(0.0, 5.001, 0.001)
-    tones = 0.015 * np.sin(2.0 * np.pi * 5.47 * t) + 0.006 * np.sin(2.0 * np.pi * 7.1 * t)
-    table = np.column_stack([t, np.clip(t, 0.0, 1.0) * tones])
-    head = "time,support_displacement"
-    np.savetxt(tmp_path / "support.csv", table, delimiter=",", comments="", header=head)
-    changes = {"excitation": {"series": {"file": str(tmp_path / "support.csv")}}, "duration": 5.0}
-    path = scene_file(scenes / "drifting_frequency.yaml", tmp_path, **changes, steady_window=[4.0, 5.0])
-    bag = in_lockstep(path, tmp_path / "run")
-    assert unanswered_blocks(open_run(bag.path)) == 0
-    (event,) = [event for event in messages(bag, "/events") if event.kind == "two_tones"]
-    assert (event.node, event.text.count("\n")) == ("identifier_node", 0)
-    assert {"two", "tones"} <= set(event.text.split())
-    seen = seconds(event)
-    assert seen < 3.5
-    late = messages(bag, "/ceiling/command")[round(seen / 0.05) :]
-    assert len({message.sequence for message in late}) == 1
-    assert {message.reason for message in late[1:]} == {"poor estimate"}
-    assert kinds(bag, since=seen)["refused"] == 1

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph as processes: nothing lost, Ctrl-C closes the bag, a name exists only once, a recorder that is killed."""
+"""The graph as processes: nothing lost, Ctrl-C closes the bag, a name exists only once."""
 
 import signal
 import subprocess
@@ -10,21 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from atpid_interfaces.msg import Event, SampleBlock
-from graph_runs import parameters, scene_file, spin_until, started, wait_until
-from rclpy.node import Node
+from graph_runs import parameters, scene_file, started, wait_until
 
-from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, nanoseconds_of
+from atpid_common.nodes.messages import nanoseconds_of
 from atpid_control.runs.read import open_bag
-from atpid_control.runs.recover import repair
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.nodes.composition import Composition
 from atpid_control.stand.parameters import write_parameters
-from atpid_control.stand.parts import NODES, PARTS, REAL_TIME_PARTS
-from atpid_control.stand.processes import Processes
-from atpid_control.stand.running import commands_of
+from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
 
 #: Of a bench that Ctrl-C ends.
@@ -78,6 +72,7 @@ def stopped(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Stopped:
     return Stopped(nodes, process.returncode, printed, left, out / "bag")
 
 
+@pytest.mark.always("the whole graph in real time, a process for each node")
 def test_nothing_is_lost_in_real_time(stopped: Stopped) -> None:
     bag, run = open_bag(stopped.bag), open_run(stopped.bag)
     assert lost_scans(run) == 0
@@ -99,19 +94,6 @@ def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(stopped: Stopped) -> N
     assert "closed" in stopped.printed.strip().splitlines()[-1]
     assert verify(stopped.bag).by_topic["/sensors/laser"] > 0
     assert not stopped.left
-
-
-def test_the_domain_is_printed_and_ctrl_c_before_the_recording_leaves_no_bag(scenes: Path, tmp_path: Path) -> None:
-    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **LONG)
-    process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
-    assert process.stderr is not None
-    printed = next(line.split() for line in process.stderr if line.startswith("ROS domain "))  # before it starts nodes
-    assert printed[-1] == f"ROS_DOMAIN_ID={printed[2].rstrip(':')}"
-    process.send_signal(signal.SIGINT)
-    _, rest = process.communicate()
-    assert process.returncode == 130
-    last = rest.strip().splitlines()[-1].split()
-    assert ("closed" if (tmp_path / "out" / "bag").exists() else "no") in last
 
 
 def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path) -> None:
@@ -140,40 +122,3 @@ def interrupted(process: subprocess.Popen[Any]) -> int:
     """End a process by Ctrl-C, where it still runs; return its status."""
     process.send_signal(signal.SIGINT)
     return process.wait()
-
-
-#: The plant calls a recorder gone after 5 s, and goes on to its end.
-SHORT = {"duration": 9.0, "steady_window": [7.0, 9.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [9.0, 0.015]]}
-
-
-def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(scenes: Path, tmp_path: Path) -> None:
-    """Plant and recorder are processes, what is between them runs in this one."""
-    _, given = parameters(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **SHORT), tmp_path, lockstep=False)
-    given["motor_node"]["supervised"] = False
-    write_parameters(given, tmp_path / "parameters.yaml")
-    ends = [NODES[name] for name in ("plant_node", "recorder_node")]
-    between = [(part.package, part.name) for part in NODES.values() if part not in ends]
-    with ExitStack() as stack:
-        stack.enter_context(own_domain())
-        nodes = stack.enter_context(Processes(commands_of(tmp_path / "parameters.yaml", ends), tmp_path))
-        loop = stack.enter_context(Composition(between, given))
-        peer = Node("peer")
-        stack.callback(peer.destroy_node)
-        loop.executor.add_node(peer)
-        blocks: list[SampleBlock] = []
-        events: list[Event] = []
-        peer.create_subscription(SampleBlock, "sensors/laser", blocks.append, BLOCKS)
-        peer.create_subscription(Event, "events", events.append, EVENTS_KEPT)
-
-        def reported() -> bool:
-            """By the plant: the nodes that get no samples from it report that too, on a busy machine before it."""
-            stale = [event for event in events if (event.kind, event.node) == (Event.STALE, "plant_node")]
-            return any("recorder" in event.text for event in stale)
-
-        spin_until(loop.executor, lambda: len(blocks) >= 30)
-        nodes["recorder_node"].process.send_signal(signal.SIGKILL)
-        spin_until(loop.executor, reported)
-        spin_until(loop.executor, lambda: nodes["plant_node"].status is not None)
-        assert nodes["plant_node"].status == 0
-        spin_until(loop.executor, lambda: Event.FINISHED in {event.kind for event in events})
-    assert repair(tmp_path / "bag").verified.by_topic["/sensors/laser"] > 20

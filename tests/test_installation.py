@@ -45,7 +45,7 @@ MESSAGES = "atpid_interfaces"
 #: Whether `make test-install` runs this: with the messages, C++ for them too, and all of the packages' tests.
 EVERYTHING = os.environ.get("ATPID_COLCON_TESTS") == "all"
 #: Else the tests of these files only.
-FILES = "test_*parameters.py test_copyright_*.py"
+FILES = "test_*parameters.py test_copyright_*.py test_hostile_files.py test_channel_state.py"
 #: What each executable needs to stay; `{}` is the folder of the inputs.
 EXECUTABLES = {
     ("atpid_sim", "plant_node"): ["plant.yaml", "scene:={}/scene.yaml"],

@@ -22,7 +22,7 @@ from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock, S
 from graph_runs import scene_file, wait_until, without_domain
 from page_visit import live
 from std_msgs.msg import Header
-from test_without_ros2 import Running
+from test_emulated_stand import Running
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from atpid_common.nodes.messages import doubles, time_of

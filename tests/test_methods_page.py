@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.robust import restitution
 from atpid_sim.scene import load_scene
 from studies.cli import main
 from studies.methods import page
-from studies.methods.picture import TIMES
 from studies.methods.run import PASSIVE, SELECTED
 from studies.methods.structures import levels, structures, with_restitution
 
@@ -58,14 +56,11 @@ def test_the_table_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]])
         *usual_there, least_there = numbers(printed[what][0])
         assert usual_there == pytest.approx(usual, abs=CLOSE), f"{what}: {AGAIN}"
         assert least_there == pytest.approx(least, abs=AT_THE_CLIFF), f"{what}: {AGAIN}"
-
-
-def test_the_closed_forms_are_those_of_the_page(made: tuple[Path, dict[str, Any]]) -> None:
-    now = table((made[0] / "methods.md").read_text(encoding="utf-8"), " | thesis_4_3 |\n")
+    forms = table((made[0] / "methods.md").read_text(encoding="utf-8"), " | thesis_4_3 |\n")
     printed = table(PAGE.read_text(encoding="utf-8"), " | thesis_4_3 | stepped_4_8_phi_0_3 | stiff_beam |\n")
-    assert list(printed) == list(now)
-    for what, cells in now.items():
-        assert float(printed[what][0]) == pytest.approx(float(cells[0]), rel=0.01), f"{what}: {AGAIN}"
+    assert {what: float(cells[0]) for what, cells in printed.items()} == pytest.approx(
+        {what: float(cells[0]) for what, cells in forms.items()}, rel=0.01
+    ), AGAIN
 
 
 def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> None:
@@ -82,16 +77,6 @@ def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> Non
     assert held[16] < detuned[16]  # the model's own
 
 
-def test_the_picture_shows_what_is_computed_now(made: tuple[Path, dict[str, Any]]) -> None:
-    now, printed = numbers_in(made[0] / "methods.png"), numbers_in(ROOT / "docs/figures/methods.png")
-    curves, there = ({" ".join(title.split()[1:]): values for title, values in each.items() if TIMES not in title}
-                     for each in (now, printed))  # fmt: skip
-    compared = [title for title in curves if title.startswith(("thesis_4_3", "changed structure, support 15 mm"))]
-    assert len(compared) == 2
-    for title in compared:
-        assert np.concatenate(there[title]) == pytest.approx(np.concatenate(curves[title]), abs=AT_THE_CLIFF), AGAIN
-
-
 def test_structures_differ_in_one_value_and_keep_the_grain() -> None:
     scene = load_scene(SCENE)
     assert levels(scene) == (0.015, 0.04, 0.03)
@@ -102,14 +87,10 @@ def test_structures_differ_in_one_value_and_keep_the_grain() -> None:
     lighter = next(one.scene for one in others if one.name == "mass -5 %")
     assert lighter.beam.mass == pytest.approx(0.95 * scene.beam.mass)
     assert lighter.frequency_hz == pytest.approx(lighter.natural_frequency_hz)
-
-
-@pytest.mark.parametrize("factor", [0.95, 1.05])
-def test_a_restitution_is_changed_by_the_contact_s_own_value(factor: float) -> None:
     for name in ("thesis_4_3", "stiff_beam"):
         scene = load_scene(ROOT / f"scenes/{name}.yaml")
-        changed = with_restitution(scene, factor)
-        assert restitution(changed) == pytest.approx(factor * restitution(scene), rel=1e-6)
+        changed = with_restitution(scene, 0.95)
+        assert restitution(changed) == pytest.approx(0.95 * restitution(scene), rel=1e-6)
         assert changed.contact.law == scene.contact.law
 
 
@@ -122,7 +103,6 @@ def test_a_restitution_is_changed_by_the_contact_s_own_value(factor: float) -> N
         ({"contact": {"law": "hertz", "young_modulus": 2.1e8, "poisson_ratio": 0.2}}, {"restitution", "damping_ratio"}),
         ([str(SCENE), str(SCENE)], {"twice"}),
         ([str(SCENE), "--page", "page.md"], {"thesis_4_3", "stepped_4_8_phi_0_3", "stiff_beam"}),
-        (["nowhere.yaml"], {"nowhere"}),
     ],
 )
 def test_what_cannot_be_compared_is_one_line(

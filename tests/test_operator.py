@@ -154,6 +154,7 @@ def stays_off(desk: Desk, stand: Stand) -> bool:
     return after.switched == before.switched and {int(one.mode) for one in desk.ceiling[states:]} <= off
 
 
+@pytest.mark.always("the operator's stop, by the board's own answer")
 def test_a_stop_is_confirmed_by_the_board_and_arming_it_again_reports_what_the_motor_does(
     desk: Desk, stand: Stand
 ) -> None:

@@ -9,9 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from benchmark import parts
 from left_out import ALLOWED
 from message_stubs import STUBS, stubs
+from rclpy.parameter import Parameter
+
+from studies.parameters import CHOSEN, DEFAULTS, SECTIONS, markdown, page, parameter_file
 
 TESTS = Path(__file__).parent
 
@@ -56,3 +60,29 @@ def test_each_part_of_the_benchmark_has_a_ratio(tmp_path: Path) -> None:
 def test_the_stubs_of_the_messages_are_those_of_the_definitions() -> None:
     made = stubs()
     assert {name: (STUBS / name).read_text() for name in made} == made, "anew: python tests/message_stubs.py"
+
+
+REMEDY = "; make it anew: python -m studies parameters"
+
+
+def test_the_page_is_what_the_command_writes(root: Path) -> None:
+    text = (root / "docs" / "parameters.md").read_text()
+    assert [heading for heading in SECTIONS if f"\n## {heading}\n" not in text] == []
+    assert [heading for heading, table in SECTIONS.items() if markdown(table) not in text] == []
+    assert page(text) == text, f"docs/parameters.md{REMEDY}"
+
+
+@pytest.mark.parametrize("name", [*DEFAULTS, *CHOSEN])
+def test_a_parameter_file_is_what_the_command_writes(root: Path, name: str) -> None:
+    text = (root / name).read_text()
+    assert parameter_file(name, text) == text, f"{name}{REMEDY}"
+    (values,) = yaml.safe_load(text).values()
+    table = {row.name: row for row in (DEFAULTS | CHOSEN)[name]}
+    assert [key for key, value in values["ros__parameters"].items() if table[key].problem(value)] == []
+
+
+def test_every_default_is_allowed_and_every_row_explained() -> None:
+    rows = [row for table in SECTIONS.values() for row in table]
+    given = [row for row in rows if not isinstance(row.default, Parameter.Type)]
+    assert [row.name for row in given if row.problem(row.default)] == []
+    assert [row.name for row in rows if not row.description] == []

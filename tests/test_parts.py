@@ -54,7 +54,7 @@ def test_the_table_has_the_tests_that_there_are(root: Path) -> None:
 
 
 def test_the_tests_stay_as_many_as_one_can_read() -> None:
-    """What grows takes the place of something; sentences and private names bind a test to how a thing is written."""
+    """Sentences and private names bind a test to how a thing is written."""
     counts = inventory()
     assert counts.lines <= 38_000
     assert counts.sentences <= 120

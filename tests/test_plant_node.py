@@ -153,27 +153,15 @@ def test_a_plant_that_fails_alarms_and_ends_with_status_3(start: Start) -> None:
     assert failed.text.endswith(f"0.2 s: {Outcome.ESCAPED.sentence}")
 
 
-def test_in_real_time_the_plant_wakes_once_for_each_block_and_stamps_are_the_start_plus_index_over_rate(
-    start: Start,
-) -> None:
-    begun, wakes = time.time_ns(), [0]
+def test_in_real_time_stamps_are_the_start_plus_index_over_rate(start: Start) -> None:
+    begun = time.time_ns()
     graph = start(lockstep=False)
-
-    def counted(callback: Callable[[], None]) -> None:
-        wakes[0] += graph.plant.stream.blocks > 0
-        callback()
-
-    for timer in graph.plant.timers:
-        timer.callback = partial(counted, timer.callback)
     assert graph.ended() == 0
     graph.until(lambda: len(graph.blocks) == 10)
     stamps = [nanoseconds_of(block.header.stamp) for block in graph.blocks]
-    seconds = 1e-9 * (time.time_ns() - stamps[0])
     assert stamps[0] >= begun
     assert np.diff(stamps).tolist() == [50_000_000] * 9
-    assert seconds >= 0.5
-    # a timer may be a moment early, and that of the diagnostics comes each second; polling woke five times a block
-    assert wakes[0] <= 2 * graph.plant.stream.blocks + 2.0 * seconds
+    assert time.time_ns() - stamps[0] >= 500_000_000
 
 
 def test_a_machine_too_slow_for_real_time_is_reported_once_and_nothing_is_left_out(start: Start) -> None:

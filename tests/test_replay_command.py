@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,11 @@ import pytest
 import yaml
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
-from node_graph import NodeGraph
 from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.cli import main
-from atpid_control.commands.replay import namespace_of
 from atpid_control.nodes.bag_qos import class_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import find_parts
@@ -31,9 +28,8 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.records import records
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
-from atpid_control.stand.nodes.composition import node_class
 from atpid_control.stand.parameters import parameters_in
-from atpid_control.stand.replay_files import IDENTIFIER, SELECTOR, write_replay_files
+from atpid_control.stand.replay_files import write_replay_files
 
 BAG = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"
 BLOCKS = "/sensors/laser"
@@ -181,16 +177,6 @@ def test_what_a_node_reported_to_the_recorder_counts_more_than_its_file(tmp_path
     assert parameters_of(files, "selector_node")["margin"] == 2.5
 
 
-def test_every_parameter_of_the_nodes_is_one_the_replay_can_name(tmp_path: Path) -> None:
-    """Otherwise a parameter that exists would be reported as unknown."""
-    files = write_replay_files(BAG, tmp_path / "kept")
-    with closing(NodeGraph()) as graph:
-        for part in (IDENTIFIER, SELECTOR):
-            node = graph.make(node_class(part.package, part.name), parameters_of(files, part.name))
-            declared = set(node.get_parameters_by_prefix("")) - {"use_sim_time", "start_type_description_service"}
-            assert declared <= {*part.configured(), "scene", "map", "lockstep", "method"}
-
-
 @pytest.mark.parametrize(("ending", "option"), [("scene.yaml", "--scene"), (".npz", "--map")])
 def test_a_file_the_bag_does_not_keep_is_asked_for(tmp_path: Path, ending: str, option: str) -> None:
     kept = {name: data for name, data in open_bag(BAG).files.items() if not name.endswith(ending)}
@@ -257,13 +243,6 @@ def test_the_comparison_finds_what_differs(tmp_path: Path) -> None:
     commands = next(found for found in compare(before, after) if found.topic == "/ceiling/command")
     assert (commands.recorded, commands.agreeing) == (160, 0)
     assert {"0.000", "no", "answer"} <= set(commands.first_difference.split())
-
-
-def test_a_namespace_is_that_of_the_bag(old: Path) -> None:
-    bag = open_bag(old)
-    assert namespace_of(bag) == ""
-    bag.types = {f"/stand{topic}": kind for topic, kind in bag.types.items()}
-    assert namespace_of(bag) == "/stand"
 
 
 @pytest.mark.parametrize("rate", ["-1", "fast", "nan"])

@@ -215,18 +215,6 @@ def test_incompatible_quality_of_service_is_an_event(loop: Loop) -> None:
     loop.peer.destroy_subscription(stranger)
 
 
-def test_a_missed_deadline_is_counted_in_statuses_with_standard_names(loop: Loop) -> None:
-    def missed() -> bool:
-        values = [{v.key: v.value for v in s.values} for s in loop.statuses if s.name.endswith("quality of service")]
-        counts = [int(count) for value in values for key, count in value.items() if key.startswith("ceiling/command")]
-        return any(counts)
-
-    loop.until(missed)
-    names = {status.name: status.hardware_id for status in loop.statuses}
-    kinds = ("height selection", "inputs", "quality of service")
-    assert names == dict.fromkeys((f"selector_node: {kind}" for kind in kinds), "none")
-
-
 def test_a_live_parameter_holds_from_the_next_estimate_on_and_is_recorded(loop: Loop) -> None:
     assert loop.given("dead_band", 0.5).successful
     assert {"dead_band:", "0.01", "0.5"} <= set(loop.found("parameter").text.split())

@@ -101,16 +101,10 @@ def test_a_finished_study_is_kept_until_its_inputs_change(
     assert rows.read_text() != kept
 
 
-def test_the_names_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["thesis", "list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names()
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ("nothing --out out", {"nothing", "all", "list", "adaptive"}),
-        ("heights", {"--out", "none"}),
         ("heights --out out --page page.md", {"--page", "all"}),
         ("adaptive --out out --scenes nowhere", {"--scenes", "nowhere"}),
     ],

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
 
+import gc
 import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -215,6 +216,7 @@ def in_one_line(error: BaseException, *parts: str) -> None:
 
 def peak_of(act: Callable[[], object]) -> int:
     """Return how much memory was taken at most [bytes]."""
+    gc.collect()  # what is left of others is collected at other instants each time
     tracemalloc.start()
     try:
         act()

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from atpid_control.analysis.contact.drop import Impacts, fit_drop
-from atpid_control.analysis.contact.estimate import mean
 from atpid_control.analysis.contact.pulse import pulse, stiffness
 from atpid_sim.scene import load_scene
 from atpid_sim.system import Array
@@ -89,17 +88,6 @@ def test_without_noise_the_restitution_is_exact(e: float, count: int) -> None:
     assert fit.modulus is not None
     assert fit.restitution.value == pytest.approx(e, rel=1e-6)
     assert fit.modulus.value == pytest.approx(MODULUS, rel=1e-4)
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=12), st.floats(-10.0, 10.0), st.floats(0.1, 10.0))
-@settings(max_examples=50, deadline=None)
-def test_the_interval_moves_and_scales_with_the_values(values: list[float], shift: float, scale: float) -> None:
-    plain, moved = mean(np.array(values)), mean(scale * np.array(values) + shift)
-    assert plain.low <= plain.value <= plain.high
-    slack = 1e-6 * (1.0 + scale * max(map(abs, values)))
-    assert moved.value == pytest.approx(scale * plain.value + shift, abs=slack)
-    if np.ptp(values) > 1e-3:
-        assert moved.high - moved.low == pytest.approx(scale * (plain.high - plain.low), rel=1e-5, abs=slack)
 
 
 @pytest.mark.parametrize(("drops", "count"), [(1, 8), (3, 6)])

@@ -152,12 +152,10 @@ def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone() -> None:
 # out of a rumble
 
 
-def rumbling(settle: int = 0, before: Callable[[int], float] | None = None) -> tuple[Loop, float]:
-    """Return a loop in which the beam rumbles, and its height; `before` is what the beam did until then."""
+def rumbling(settle: int = 0) -> tuple[Loop, float]:
+    """Return a loop in which the beam rumbles, and its height."""
     loop = looked_up(given=settings(settle))
     high = loop.feed(*[0.015] * 4, height=0.3)[-1].height
-    if before is not None:
-        stepped(loop, 8, high, before)
     loop.controller.on_event("rumble")
     return loop, high
 
@@ -181,12 +179,6 @@ def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_la
     settling, high = rumbling(settle=5)
     assert stepped(settling, 8, high)[-2] == high
     assert stepped(settling, 1, high)[-1] < high
-
-
-@pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
-def test_a_decaying_or_predicted_amplitude_moves_nothing(swing: Callable[[int], float]) -> None:
-    loop, high = rumbling(before=swing)
-    assert stepped(loop, 30, high, lambda k: swing(k + 8)) == [high] * 30
 
 
 def test_a_rumble_is_left_while_a_height_is_computed() -> None:

@@ -15,18 +15,10 @@ from numpy.typing import NDArray
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.drift import DriftAlarm, DriftSettings, ModelCheck
 from atpid_control.loop.hold import OFF_RESONANCE, Hold, HoldDecision, HoldError, HoldSettings
-from atpid_control.loop.step_back import StepBack
 from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 
-SETTINGS: dict[str, Any] = {
-    "dead_band": 0.01,
-    "sigmas": 4.0,
-    "steady_count": 4,
-    "rising_count": 4,
-    "falling_count": 2,
-    "frequency": 5.49,
-    "frequency_tolerance": 0.05,
-}
+SETTINGS: dict[str, Any] = {"dead_band": 0.01, "sigmas": 4.0, "frequency": 5.49, "frequency_tolerance": 0.05}
+SETTINGS |= {"steady_count": 4, "rising_count": 4, "falling_count": 2}
 #: Of a method that selects at any frequency.
 ANYWHERE: dict[str, Any] = {"reach": (2.7, 11.0), "frequency_band": 0.0025}
 INSIDE = "inside dead band"
@@ -101,7 +93,9 @@ def test_the_ends_of_the_frequencies_belong_to_them_however_they_round() -> None
     for ends in ({"reach": (5.0, 6.0)}, {"frequency": 5.5, "frequency_tolerance": 0.5 / 5.5}):
         for frequency in (5.0 * (1.0 - 1e-15), 6.0 * (1.0 + 1e-15)):
             assert hold(**ends).reason_to_reject(steady(0.015, frequency=frequency)) == ""
-        assert hold(**ends).reason_to_reject(steady(0.015, frequency=4.99)) == OFF_RESONANCE
+        for frequency in (4.99, 6.01):
+            assert hold(**ends).reason_to_reject(steady(0.015, frequency=frequency)) == OFF_RESONANCE
+            assert hold(**ends).judge(steady(0.015, frequency=frequency)).refused
 
 
 @pytest.mark.parametrize(
@@ -135,18 +129,9 @@ def test_contradictory_settings_are_refused_in_one_line() -> None:
         for value in values:
             with pytest.raises(HoldError, match=rf"^{name}: given {value}; allowed: [^\n]*$"):
                 hold(**{name: value})
-    for share, count in ((0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)):
-        with pytest.raises(HoldError, match=r"given .*; allowed: "):
-            StepBack(share, 0, count, 0.15, 0.05)
 
 
 # at any frequency
-
-
-def test_off_resonance_is_refused_only_where_the_method_does_not_reach() -> None:
-    assert hold().judge(steady(0.015, frequency=6.5)).refused
-    assert not hold(**ANYWHERE).judge(steady(0.015, frequency=6.5)).refused
-    assert hold(**ANYWHERE).judge(steady(0.015, frequency=12.0)).refused
 
 
 def test_another_frequency_is_selected_for_though_the_amplitude_is_the_same() -> None:
@@ -175,10 +160,9 @@ def test_a_frequency_without_a_height_is_not_tried_again_nor_one_inside_its_nois
     assert decided(machine, [noisy] * 20) == []
 
 
-@pytest.mark.parametrize("seconds", [0.1, 0.9])
-def test_a_height_that_comes_late_is_taken_for_a_frequency_that_drifts(seconds: float) -> None:
+def test_a_height_that_comes_late_is_taken_for_a_frequency_that_drifts() -> None:
     machine = hold(**ANYWHERE)
-    assert machine.agrees(0.015, steady(0.015, frequency=5.49 * (1.0 + 0.01 * seconds)), 5.49)
+    assert machine.agrees(0.015, steady(0.015, frequency=5.49 * 1.009), 5.49)
     assert not machine.agrees(0.015, steady(0.015, frequency=5.6), 5.49)
 
 
@@ -219,11 +203,9 @@ def test_drift_is_reported_once_with_both_amplitudes_by_one_simulation_a_period(
     reality = Check()
     reality.said([0.1] * 400)  # 20 s at 5 Hz
     assert 80 <= reality.twin.asked <= 100
-
-
-def test_what_is_unknown_or_the_model_is_allowed_to_be_off_is_no_drift() -> None:
-    assert Check().said(0.112 * (1.0 + 0.02 * np.random.default_rng(1).standard_normal(12_000))) == []  # ten minutes
+    # what is unknown is no drift, nor what the model is allowed to be off, in ten minutes of noise
     assert Check(math.nan).said([0.2] * 1000) == Check(0.1).said([math.nan] * 1000) == []
+    assert Check().said(0.112 * (1.0 + 0.02 * np.random.default_rng(1).standard_normal(12_000))) == []
 
 
 def test_a_reported_drift_is_latched_until_there_is_agreement() -> None:

@@ -44,7 +44,7 @@ SPOILED: dict[str, Spoil] = {
     "hum": lambda _rng, t, u: u + 0.5 * AMPLITUDE * np.sin(2 * np.pi * 50.0 * t + 1.0),
     "offset and drift": lambda _rng, t, u: u + 0.1 + 0.2 * AMPLITUDE * t,
     "harmonics": lambda _rng, t, u: (
-        u + tone(t, 0.05 * AMPLITUDE, 2 * FREQUENCY) + tone(t, 0.03 * AMPLITUDE, 3 * FREQUENCY, 1.0)
+        u + tone(t, 0.05 * AMPLITUDE, 2 * FREQUENCY) + tone(t, 0.05 * AMPLITUDE, 3 * FREQUENCY, 1.0)
     ),
     "single spikes": lambda rng, t, u: u + np.where(rng.random(t.size) < 0.01, rng.normal(0.0, AMPLITUDE, t.size), 0.0),
     "spikes of impacts": _spikes,
@@ -80,16 +80,15 @@ def test_no_false_change_in_minutes_of_steady_noise() -> None:
     assert sum(e.changed for e in found[8:]) == 0
 
 
-@pytest.mark.parametrize(
-    ("factor", "within"), [(0.5, 0.6), (0.9, 0.6), (1.05, 0.6), (1.1, 0.6), (2.0, 0.6), (1.02, 1.25)]
-)
-def test_a_step_is_seen_within_a_period_and_over_after_two(factor: float, within: float) -> None:
-    rng, t = np.random.default_rng(2), times(4.0)
+@pytest.mark.parametrize("factor", [0.5, 0.9, 1.05, 1.1, 2.0, 1.02])
+def test_a_step_is_seen_within_a_period_and_over_after_two(factor: float) -> None:
+    rng, t, within = np.random.default_rng(2), times(4.0), 1.25 if factor == 1.02 else 0.6
     for start in 2.0 + rng.random(12 if LONG else 6):  # six phases of the tone and of the estimates
         u = tone(t, np.where(t < start, 1.0, factor) * AMPLITUDE, phase=rng.uniform(0.0, 6.0))
         after = [e for e in estimates(u + noise(rng, t.size, 40.0)) if e.time > start]
         seen = next(e.time for e in after if e.changed)
         assert seen - start < within * PERIOD
+        assert abs(factor - 1.0) > 0.3 or Quality.POOR not in {e.quality for e in after}  # it is no cut crest
         steady = [e for e in after if e.time >= seen and e.quality == Quality.STEADY]
         assert max(abs(e.amplitude / (factor * AMPLITUDE) - 1.0) for e in steady) < 0.015
         settled = [e for e in after if e.time > start + 2.0 * PERIOD]
@@ -111,10 +110,9 @@ def test_straight_ramps_are_transient_and_their_ends_exact() -> None:
     assert max(abs(e.amplitude / a - 1.0) for e, a in zip(ramp, middle, strict=True)) < 0.02
 
 
-@pytest.mark.parametrize("after", [{"phase": 1.3}, {"frequency": 1.05 * FREQUENCY}])
-def test_frequency_and_phase_jumps_are_changes(after: dict[str, float]) -> None:
+def test_a_jump_of_the_phase_is_a_change() -> None:
     rng, t = np.random.default_rng(5), times(4.0)
-    found = estimates(np.where(t < 2.0, tone(t), tone(t, **after)) + noise(rng, t.size, 40.0))
+    found = estimates(np.where(t < 2.0, tone(t), tone(t, phase=1.3)) + noise(rng, t.size, 40.0))
     assert any(e.changed for e in found if 2.0 < e.time < 2.3)
     assert found[-1].quality == Quality.STEADY
 
@@ -253,12 +251,6 @@ def test_bars_in_noise_with_memory_cover_its_density_at_the_tone() -> None:
     expected = 0.01 * AMPLITUDE * math.sqrt(2.0 * density / (2.0 * PERIOD * RATE))
     # the largest that a likely noise gives: 1.5 times on the average
     assert 1.0 < np.median([one.amplitude_std for one in found]) / expected < 2.0
-    # a misfit within the accuracy of sensors is not examined
-    tau = (np.arange(366) - 365) / RATE
-    u = AMPLITUDE * (np.sin(TAU * FREQUENCY * tau) + 3e-5 * np.sin(TAU * 8.0 * tau))
-    exact = fit_sine(tau, u, TAU * FREQUENCY, 0.0, math.inf)
-    assert exact is not None
-    assert (exact.widened, exact.foreign) == (1.0, math.inf)
 
 
 @pytest.mark.parametrize("spoiled", ["cut", "halved"])
@@ -275,23 +267,6 @@ def test_cut_crests_and_a_subharmonic_are_never_steady_and_end_with_their_cause(
     after = [e for e in found if e.time > 4.0 + 2.5 * PERIOD]
     assert {e.quality for e in after} == {Quality.STEADY}
     assert max(abs(e.amplitude / AMPLITUDE - 1.0) for e in after) < 0.005
-
-
-def test_harmonics_and_steps_are_not_taken_for_cut_crests() -> None:
-    rng, t = np.random.default_rng(14), times(6.0)
-    for phase in rng.uniform(0.0, TAU, 12 if LONG else 6):
-        rich = tone(t) + tone(t, 0.05 * AMPLITUDE, 2 * FREQUENCY, phase) + tone(t, 0.05 * AMPLITUDE, 3 * FREQUENCY)
-        stepped = tone(t, np.where(t < 3.0, 1.0, 1.2) * AMPLITUDE, phase=phase)
-        assert {e.quality for e in estimates(rich + noise(rng, t.size, 50.0))[10:]} == {Quality.STEADY}
-        assert Quality.POOR not in {e.quality for e in estimates(stepped + noise(rng, t.size, 50.0))}
-
-
-def test_an_offset_that_wanders_does_not_bend_the_frequency() -> None:
-    rng, t = np.random.default_rng(15), times(8.0)
-    u = tone(t) + 0.2 * AMPLITUDE * np.sin(TAU * 0.3 * t) + noise(rng, t.size, 40.0)
-    late = [e for e in estimates(u)[20:] if e.quality == Quality.STEADY]
-    assert len(late) > 100
-    assert np.sqrt(np.mean([((e.frequency - FREQUENCY) / e.frequency_std) ** 2 for e in late])) < 1.4
 
 
 # accelerations
@@ -415,13 +390,6 @@ def test_the_open_damper_is_inverted_by_simulated_amplitudes(height: float) -> N
     assert {e.quality for e in late} == {Quality.STEADY}
     assert all(abs(e.amplitude - TRUE) < min(2.0 * e.amplitude_std, 0.03 * TRUE) for e in late)
     assert all(np.isnan(e.phase) for e in late)
-
-
-def test_where_two_regular_motions_look_alike_the_answer_is_poor_and_holds_both() -> None:
-    """At 0.2 m the beam swings by 0.046 m under 0.0045 m and under 0.01 m of support."""
-    late = [e for e in inferred(0.2) if e.time > 8.0]
-    assert {e.quality for e in late} == {Quality.POOR}
-    assert all(abs(e.amplitude - TRUE) < 2.0 * e.amplitude_std for e in late)
 
 
 def test_a_wrong_model_is_covered_by_the_error_bar_and_without_a_height_there_is_no_estimate() -> None:

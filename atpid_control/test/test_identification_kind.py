@@ -124,8 +124,7 @@ def single() -> dict[str, Array]:
 
 
 @pytest.mark.parametrize(
-    ("name", "decibels"),
-    [*product(single(), [60.0]), *product(["steady", "weak", "beat", "frequency sweeps"], [20.0])],
+    ("name", "decibels"), [*product(single(), [60.0]), *product(["steady", "weak", "beat", "frequency sweeps"], [20.0])]
 )
 def test_one_tone_is_never_taken_for_two(name: str, decibels: float) -> None:
     assert kinds(single()[name], decibels) == []

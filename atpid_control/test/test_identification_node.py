@@ -109,14 +109,6 @@ def test_each_block_has_one_estimate_with_the_stamp_of_its_last_sample(stand: St
     assert answer.beam_amplitude == pytest.approx(0.2, rel=0.005)
 
 
-def test_a_change_is_an_event_once_it_is_steady_again(stand: Stand, node: IdentifierNode) -> None:
-    for first in range(0, 2000, 50):
-        stand.ask(first, {"support_displacement": sine(first, 0.015 if first < 1000 else 0.03)})
-    stand.until(lambda: len(stand.events) == 2)
-    assert [event.kind for event in stand.events] == ["excitation_changed"] * 2
-    assert stand.events[1].value == pytest.approx(0.03, rel=0.01)
-
-
 def test_a_second_tone_is_an_event_and_its_estimates_are_poor(stand: Stand, node: IdentifierNode) -> None:
     qualities = []
     for first in range(0, 5000, 50):
@@ -130,6 +122,8 @@ def test_a_second_tone_is_an_event_and_its_estimates_are_poor(stand: Stand, node
     assert set(qualities[60:70]) == {Excitation.POOR}
     assert qualities[-1] == Excitation.STEADY
     assert node.identifier.other is None
+    changed = [event.value for event in stand.events if event.kind == "excitation_changed"]
+    assert changed[-1] == pytest.approx(0.015, rel=0.01)
 
 
 def test_a_block_without_the_channel_is_answered_and_logged_once(stand: Stand, node: IdentifierNode) -> None:
@@ -196,19 +190,11 @@ def test_rumble_is_an_event_with_the_stamp_of_an_estimate(stand: Stand, node: Id
     assert rumble.header.stamp in [estimate.header.stamp for estimate in stand.estimates[-2:]]
 
 
-def test_an_acceleration_gives_the_displacements_estimate_or_a_line(stand: Stand, node: IdentifierNode) -> None:
-    random, omega, lines = np.random.default_rng(1), 2 * np.pi * 5.49, list[str]()
+def test_an_acceleration_gives_the_displacements_estimate(stand: Stand, node: IdentifierNode) -> None:
+    omega = 2 * np.pi * 5.49
     for first in range(0, 1000, 50):
         answer = stand.ask(first, {"support_displacement": -(omega**2) * sine(first, 0.015)}, unit="m/s^2")
     assert answer.quality == Excitation.STEADY
     assert answer.amplitude == pytest.approx(0.015, rel=1e-6)
     stand.until(lambda: stand.events)
     assert re.findall(r"[\d.]+ \w+", stand.events[0].text) == ["0.01500 m", "5.490 Hz"]
-    for first in range(1000, 2000, 50):
-        noisy = sine(first, 0.1) + random.normal(0.0, 0.15, 50)
-        answer = stand.ask(first, {"support_displacement": noisy}, unit="m/s^2")
-        if node.last_error:
-            lines.append(node.last_error)
-            assert answer.quality == Excitation.NONE
-    assert lines
-    assert {line.partition(":")[0] for line in lines} == {"acceleration"}

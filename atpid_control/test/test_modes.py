@@ -23,12 +23,9 @@ from atpid_sim.scene import load_scene, standard_bench
 BARE = Cantilever(1.0, 500.0, 2.34)
 #: Table 2.1, clamped over 0.4 m, bent as 427.6 N/m at the tip are, with a container of 0.25 kg.
 THESIS = Cantilever(0.4, 427.6 * 0.4**3 / 3.0, 0.35 * 0.4 / 0.45, 0.25)
-NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?")
-SHOWN = (
-    "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
-    "--damping-ratio 0.024 --modes 3"
-)
-LINE = SHOWN.split()
+MATERIAL = "--modulus 5.345e9 --density 2431"
+SHAPE = "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --tip-mass 0.25 --damping-ratio 0.024 --modes 3"
+LINE = f"{SHAPE} {MATERIAL}".split()
 Capture = pytest.CaptureFixture[str]
 
 
@@ -133,25 +130,20 @@ def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: Capt
     blocks = yaml.safe_load(shown)
     assert blocks["beam"] == pytest.approx({"mass": 0.3243, "frequency": 5.783, "damping_ratio": 0.024}, rel=1e-3)
     assert [one["drive_factor"] for one in blocks["further_modes"]] == pytest.approx([-0.1768, 0.0427], rel=2e-3)
-    assert {"-0.02", "359.08"} <= set(NUMBER.findall(shown))  # of the base's motion left out; Hz of the next mode
     page = (Path(__file__).parents[2] / "docs/modes.md").read_text()
-    assert f"atpid {SHOWN}\n" in page
     documented = page.partition("```yaml\n")[2].partition("```")[0]
-    numbers = [[*map(float, NUMBER.findall(text))] for text in (documented, shown)]
-    assert numbers[0] == pytest.approx(numbers[1], rel=1e-3)
+    numbers = [re.findall(r"-?[0-9]+(?:\.[0-9]+)?", text) for text in (documented, shown)]
+    assert {"-0.02", "359.08"} <= set(numbers[1])  # of the base's motion left out; Hz of the next mode
+    assert [*map(float, numbers[0])] == pytest.approx([*map(float, numbers[1])], rel=1e-3)
+    steel, given = (f"{SHAPE} {words}".split() for words in ("--material steel", "--modulus 2.07e11 --density 7850"))
+    assert printed(capsys, *steel) == printed(capsys, *given)
+    assert "--material, " in refusal(capsys, *steel, "--density", "7850")
     found = answered(capsys, *LINE)
     assert found["blocks"] == blocks
     assert found["modes"][0]["stiffness"] == pytest.approx(428.2, rel=1e-3)
     driven = printed(capsys, *LINE, "--force-at", "0.3")
     assert yaml.safe_load(driven)["drive"] == "force"
     assert re.search(r"\bF\b.* 0\.63", driven)
-
-
-def test_a_material_has_its_modulus_and_density(capsys: Capture) -> None:
-    line = [word for word in LINE if word not in ("--modulus", "5.345e9", "--density", "2431")]
-    steel = ["--material", "steel"]
-    assert printed(capsys, *line, *steel) == printed(capsys, *line, "--modulus", "2.07e11", "--density", "7850")
-    assert "--material, " in refusal(capsys, *line, *steel, "--density", "7850")
 
 
 @pytest.mark.parametrize(
@@ -254,7 +246,6 @@ def test_a_force_in_a_file_is_that_of_the_dimensions_and_its_units_are_heeded(tm
         ({"fields": {"freq": 0.0}}, "20:z", "mode 1: 0 Hz, .* 1 kg"),
         ({"fields": {"freq": math.nan}}, "20:z", "mode 1: nan Hz"),
         ({"scale": 1e-90}, "20:z", "finite"),
-        ({"fields": {"r3": np.full(20, 1e300)}}, "20:z", "overflow"),
         ({"turn": 1.0, "fields": {"eig": 1e308 + 1.7e308j}}, "20:z", "numbers"),
         ({"fields": {"modal_damp_vis": 0.0}}, "20:z", "damping .*5.783 Hz"),
         ({"turn": 1.0, "fields": {"modal_a": 3.0}}, "20:z", "mode 1: .*100 %.* 10 %"),

@@ -21,10 +21,12 @@ from atpid_control.loop.settings import control_settings, identification_setting
 from atpid_control.selection.lookup import LookupSelector
 from atpid_control.stand.parameters import parameters_in
 from atpid_sim.maps import HeightMap
-from atpid_sim.scene import Scene, load_scene
+from atpid_sim.scene import load_scene
 from atpid_sim.system import Array
 
 ROOT = Path(__file__).resolve().parents[2]
+SCENE = load_scene(ROOT / "scenes/thesis_4_3.yaml")
+HEIGHTS = HeightMap.load(ROOT / "atpid_control/config/maps/standard.npz")
 RATE, BLOCK, DURATION = 1000.0, 50, 5.0
 #: Of the support [m] over the time [s]: to an amplitude of the map's grid, by its dead band further, to the map's end.
 COURSE = ((0.0, 0.0), (0.5, 0.02), (2.0, 0.02), (2.1, 0.0202), (3.2, 0.0202), (3.5, 0.08))
@@ -36,23 +38,13 @@ def parameters(name: str) -> dict[str, Any]:
     return parameters_in(yaml.safe_load((ROOT / f"atpid_control/config/{name}.yaml").read_text()), f"{name}_node")
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return load_scene(ROOT / "scenes/thesis_4_3.yaml")
-
-
-@pytest.fixture(scope="module")
-def heights() -> HeightMap:
-    return HeightMap.load(ROOT / "atpid_control/config/maps/standard.npz")
-
-
-def decided(scene: Scene, heights: HeightMap, frequency: float, samples: Array) -> list[tuple[Any, ...]]:
+def decided(frequency: float, samples: Array) -> list[tuple[Any, ...]]:
     """Return what is decided at each block about the support's samples (n,) [m]; the beam moves five times as far."""
     selecting, identifying = parameters("selector"), parameters("identifier")
     identifier = Identifier(identification_settings(identifying.__getitem__))
     watch = RumbleWatch(rumble_settings(identifying.__getitem__))
     settings = control_settings(selecting.__getitem__, frequency)
-    machine = SelectingController(settings, LookupSelector(scene, heights), (0.017, 1.0))
+    machine = SelectingController(settings, LookupSelector(SCENE, HEIGHTS), (0.017, 1.0))
     decisions = []
     for first in range(0, samples.size, BLOCK):
         block, time = samples[first : first + BLOCK], (first + BLOCK - 1) / RATE
@@ -66,13 +58,13 @@ def decided(scene: Scene, heights: HeightMap, frequency: float, samples: Array) 
 
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)
-def test_the_last_digits_of_the_samples_decide_nothing(scene: Scene, heights: HeightMap, frequency: float) -> None:
+def test_the_last_digits_of_the_samples_decide_nothing(frequency: float) -> None:
     time = np.arange(int(DURATION * RATE)) / RATE
     times, amplitudes = np.array(COURSE).T
     clean = np.interp(time, times, amplitudes) * np.sin(2.0 * math.pi * frequency * time)
-    expected = decided(scene, heights, frequency, clean)
+    expected = decided(frequency, clean)
     commanded = [sequence for _, sequence, *_ in expected]
     assert commanded[-1] >= 2, "the heights follow this course"
     for seed in range(6):
         last_digits = 1.0 + np.finfo(float).eps * np.random.default_rng(seed).integers(-2, 3, time.size)
-        assert decided(scene, heights, frequency, clean * last_digits) == expected
+        assert decided(frequency, clean * last_digits) == expected

@@ -6,12 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from atpid_interfaces.srv import SelectHeight
-from node_stand import NodeStand
-from rclpy.parameter import Parameter
 
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
-from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.selection import METHODS, Excitation, SelectionError, make_selector, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
 
@@ -63,24 +59,6 @@ def test_an_installed_selector_is_a_method_like_the_others(install: Install) -> 
     (row,) = (row for row in selector_table() if row.name == "method")
     assert row.problem("own") == ""
     assert [row for row in SELECTOR if row.name == "method" and row.problem("own")]
-
-
-def test_the_node_selects_by_its_parameter(install: Install) -> None:
-    install("plug_in_node")
-    given = {"scene": str(FILE), "method": "own", "lockstep": True}
-    stand = NodeStand("ask")
-    node = SelectorNode(
-        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()], context=stand.context
-    )
-    try:
-        stand.executor.add_node(node)
-        client = stand.nodes[0].create_client(SelectHeight, "selector_node/select")
-        assert client.wait_for_service(100.0)
-        answer = stand.wait(client.call_async(SelectHeight.Request(amplitude=0.03)))
-        assert (answer.method, answer.height) == ("own", 0.2)
-    finally:
-        node.close()
-        stand.close()
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,8 @@ class Stand:
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
 
     def motor(self, **parameters: Any) -> MotorNode:
+        # beside one of an earlier test, which may leave the graph late, it would stay off
+        self.until(lambda: "motor_node" not in self.peer.get_node_names())
         values = [Parameter(name, value=value) for name, value in (SIMULATED | parameters).items()]
         node = MotorNode(parameter_overrides=values, context=self.context)
         self.executor.add_node(node)

@@ -13,6 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_common.cli import run_commands
+from atpid_common.testing import check_notices
 from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
 from atpid_driver.calibration.model import CalibrationError, load, save
@@ -242,3 +243,7 @@ def test_readings_that_cannot_be_used_are_refused(
     assert words in output
     assert len(output.splitlines()) == 1
     assert os.listdir(tmp_path) == ["readings.csv"]
+
+
+def test_every_file_has_its_notice() -> None:
+    check_notices(Path(__file__).resolve().parents[1])

@@ -49,13 +49,9 @@ class Tree:
     def __init__(self, folder: Path) -> None:
         """Copy what git has or would add."""
         self.folder = folder
-        listed = subprocess.run(
-            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-            cwd=ROOT,
-            capture_output=True,
-            check=True,
-        )
-        for name in filter(None, listed.stdout.decode().split("\0")):
+        command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+        found = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+        for name in filter(None, found.stdout.decode().split("\0")):
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
@@ -117,19 +113,8 @@ class Tree:
 
     def test(self, names: Iterable[str], *more: str) -> Outcome:
         """Run these tests up to the first that fails."""
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-x",
-            "-c",
-            "pyproject.toml",
-            "-p",
-            "no:cacheprovider",
-            *more,
-            *names,
-        ]
+        words = ["-m", "pytest", "-q", "-x", "-c", "pyproject.toml", "-p", "no:cacheprovider", *more, *names]
+        command = [sys.executable, *words]
         begun = time.monotonic()
         done = subprocess.run(
             command, env=self.environment, cwd=self.folder, capture_output=True, text=True, check=False

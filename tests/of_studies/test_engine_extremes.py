@@ -115,7 +115,7 @@ def test_wild_scenes_of_several_dampers_end_with_a_name_and_a_closed_ledger() ->
 
 def test_a_structure_of_several_modes_is_that_of_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
     # scipy's own error control keeps to the contacts, of milliseconds, with longer steps as well
-    monkeypatch.setattr("studies.modal._LONGEST", 4e-4)
+    monkeypatch.setattr("studies.modal.LONGEST", 4e-4)
     one = modal.compare(modal.drawn(np.random.default_rng(11)).with_(duration=1.2, steady_window=[0.6, 1.2]))
     assert one.modes > 1
     assert one.impacts > 5

@@ -42,15 +42,15 @@ CASES = {
 def least_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
     """What no option of a study makes smaller."""
     monkeypatch.setattr(designs, "STRUCTURES", {})
-    monkeypatch.setattr("studies.designs._SYSTEMS", 2)
+    monkeypatch.setattr("studies.designs.SYSTEMS", 2)
     monkeypatch.setattr(coverage, "CASES", {"white noise, 1 %": coverage.CASES["white noise, 1 %"]})
     drawn = modal.drawn
     monkeypatch.setattr(modal, "drawn", lambda rng: drawn(rng).with_(duration=0.8, steady_window=[0.4, 0.8]))
-    monkeypatch.setattr("studies.modal._LONGEST", 4e-4)
-    monkeypatch.setattr("studies.modal._REPEATS", 1)
+    monkeypatch.setattr("studies.modal.LONGEST", 4e-4)
+    monkeypatch.setattr("studies.modal.REPEATS", 1)
     monkeypatch.setattr(peace01, "SPAN", (0.8, 1.1))
-    monkeypatch.setattr("studies.peace01._CHECKED", 2)
-    monkeypatch.setattr("studies.peace01._STEP", 2e-2)
+    monkeypatch.setattr("studies.peace01.CHECKED", 2)
+    monkeypatch.setattr("studies.peace01.STEP", 2e-2)
     monkeypatch.setattr(time_base, "HOUR", 700.0)
 
 
