@@ -202,16 +202,14 @@ def _asked(stand: WatchedStand, name: str) -> bool:
     return False
 
 
-def _begun(stand: WatchedStand) -> tuple[WatchedStand, Voltage | Support]:
+def _begin(stand: WatchedStand, device: Voltage | Support) -> None:
     """Wait until a run has begun, all the while under a command that is older than it."""
-    device = Support(stand) if stand.exciter == "simulated" else Voltage(stand)
     command(stand)
     stand.until(lambda: stand.ready and stand.watch.exciter.mode == ExcitationState.OFF, _START, "the run begins")
     stand.meet()
     _spin(stand, AGAIN)
     if device.on:
         raise InputError(f"{stand.exciter}: a stand that starts shakes by a command from before")
-    return stand, device
 
 
 def measured(events: Sequence[Occurrence], backend: str) -> Iterator[tuple[str, Seen]]:
@@ -225,8 +223,10 @@ def measured(events: Sequence[Occurrence], backend: str) -> Iterator[tuple[str, 
                 for again in (True, False):
                     try:
                         if stand is None:
-                            stand, device = _begun(stack.enter_context(watched_stand(exciter=backend)))
+                            stand = stack.enter_context(watched_stand(exciter=backend))
+                            device = Support(stand) if backend == "simulated" else Voltage(stand)
                             stack.callback(device.close)
+                            _begin(stand, device)
                         seen = tried(case, stand, device)
                         break
                     except BenchError as error:

@@ -16,12 +16,7 @@ SENTENCE = re.compile(r"[A-Za-z]+[,;:]? [a-z]+[,;:]? [a-z]+[,;:]? [a-z]+")
 #: Names that begin with an underscore and are public: of named tuples, argparse, ctypes and notebooks.
 PUBLIC = {"_replace", "_asdict", "_fields", "_make", "_fields_", "_repr_html_"}
 #: A test is of the first kind whose text its file has.
-KINDS = {
-    "of the firmware": "emulator",
-    "of nodes": "rclpy",
-    "of processes": "subprocess",
-    "of functions": "",
-}
+KINDS = {"of the firmware": "emulator", "of nodes": "rclpy", "of processes": "subprocess", "of functions": ""}
 
 
 @dataclass

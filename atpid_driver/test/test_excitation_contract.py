@@ -379,6 +379,7 @@ def started(rig: Rig) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.always("the exciter's stop, by the device's voltage")
 @pytest.mark.wall_time
 def test_it_is_off_within_half_a_second_of_a_kill(tmp_path: Path, device: None) -> None:
     """Of a stop, of the node's silence, of a request that is confirmed, too."""

@@ -248,6 +248,7 @@ def test_it_runs_only_while_the_supervisor_permits(graph: Graph) -> None:
     graph.run(sine(sequence=3))
 
 
+@pytest.mark.always("every stop of the exciter is latched")
 def test_every_stop_is_latched_until_a_person_arms_it_and_commands_anew(graph: Graph) -> None:
     graph.start(supervised=True)
     graph.permits = permitting()

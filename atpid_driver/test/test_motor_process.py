@@ -159,6 +159,7 @@ BY_WORD, BY_HEARTBEAT = 200.0, 500.0
 BUSY = 200.0
 
 
+@pytest.mark.always("the motor's stop, by the board's own state")
 @pytest.mark.wall_time
 def test_the_motor_is_off_in_time(stand: Stand, emulator: Emulator, parameters: dict[str, Any]) -> None:
     """From the operator's stop on, for each way to stop; `-s` prints the times."""
