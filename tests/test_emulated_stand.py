@@ -58,15 +58,16 @@ def bench(scene: Path, out: Path, *more: str) -> dict[str, Any]:
     return summary
 
 
+@pytest.mark.wall_time
 @pytest.mark.parametrize("drive", SCENES)
 def test_the_emulated_stand_damps_as_the_simulated_bench_does(
     drive: str, scenes: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")  # the bench claims one of its own
-    drawn = SimpleNamespace(headline="", page="")  # the report is no subject here, and dear
-    monkeypatch.setattr("atpid_control.views.report.make.write_report", lambda *_: drawn)
+    report = SimpleNamespace(headline="", page="")  # no subject here, and dear
+    monkeypatch.setattr("atpid_control.views.report.make.write_report", lambda *_: report)
     changes, amplitude = SCENES[drive]
-    changes = changes | {"duration": 5.0, "steady_window": [3.5, 5.0]}
+    changes = changes | {"duration": 6.0, "steady_window": [4.0, 6.0]}
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes)
     simulated = bench(path, tmp_path / "simulated")
     emulated = bench(path, tmp_path / "emulated", "--emulated-stand")

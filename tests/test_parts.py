@@ -55,7 +55,6 @@ def test_the_table_has_the_tests_that_there_are(root: Path) -> None:
 
 
 def test_the_tests_stay_as_many_as_one_can_read() -> None:
-    """Sentences and private names bind a test to how a thing is written."""
     counts = inventory()
     assert counts.lines <= 38_000
     assert counts.sentences <= 120
