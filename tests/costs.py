@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from parts import CHEAP, OTHERS, TABLE, first, measured
 
@@ -28,10 +29,10 @@ FOLDER = "ATPID_COSTS"
 CORES, WORKERS = 2, 3
 
 
-def _now() -> tuple[float, float]:
-    """Return the processor time of this process and of those it has waited for, and the time on the clock [s]."""
+def _now() -> Any:
+    """Return the processor time of this process and of those it has waited for, and the time on the clock (2,) [s]."""
     both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in both), time.perf_counter()
+    return np.array([sum(each.ru_utime + each.ru_stime for each in both), time.perf_counter()])
 
 
 class Meter:
@@ -39,18 +40,17 @@ class Meter:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / f"{os.environ.get('PYTEST_XDIST_WORKER', 'main')}.jsonl"
-        self._fixtures: list[tuple[float, float]] = []
+        self._fixtures = np.zeros(2)  # of this phase, wide ones
 
     def _phase(self, item: pytest.Item, shared: bool = False) -> Iterator[None]:
-        begun, self._fixtures = _now(), []
+        begun, self._fixtures = _now(), np.zeros(2)
         yield
-        wide = [sum(part) for part in zip((0.0, 0.0), *self._fixtures, strict=True)]
-        spent = [end - begin - part for end, begin, part in zip(_now(), begun, wide, strict=True)]
-        self._write(kind="end" if shared else "test", node=item.nodeid, spent=spent, uses=item.fixturenames)  # type: ignore[attr-defined]
+        spent, uses = _now() - begun - self._fixtures, item.fixturenames  # type: ignore[attr-defined]
+        self._write(spent, kind="end" if shared else "test", node=item.nodeid, uses=uses)
 
-    def _write(self, **row: Any) -> None:
+    def _write(self, spent: Any, **row: Any) -> None:
         with self._path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+            file.write(json.dumps(row | {"spent": spent.tolist()}) + "\n")
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -69,14 +69,11 @@ class Meter:
     def pytest_fixture_setup(self, fixturedef: Any, request: pytest.FixtureRequest) -> Iterator[None]:
         if fixturedef.scope == "function":
             return (yield)
-        before, begun = self._fixtures, _now()
-        self._fixtures = []  # of those that this one asks for
+        before, begun, self._fixtures = self._fixtures, _now(), np.zeros(2)
         result = yield
-        inner = [sum(part) for part in zip((0.0, 0.0), *self._fixtures, strict=True)]
-        whole = tuple(end - begin for end, begin in zip(_now(), begun, strict=True))
-        self._fixtures = [*before, (whole[0], whole[1])]
-        own = [total - part for total, part in zip(whole, inner, strict=True)]
-        self._write(kind="fixture", name=fixturedef.argname, base=fixturedef.baseid, spent=own)
+        whole = _now() - begun
+        self._write(whole - self._fixtures, kind="fixture", name=fixturedef.argname, base=fixturedef.baseid)
+        self._fixtures = before + whole
         return result
 
 
@@ -91,28 +88,29 @@ def costs(folder: Path) -> tuple[dict[str, float], float, float]:
 
     From what the workers have written in `folder`.
     """
-    spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
+    spent: dict[str, Any] = defaultdict(lambda: np.zeros(2))
     uses: dict[str, set[str]] = {}
-    shared: list[tuple[str, str, list[float]]] = []
+    shared: list[tuple[str, str, Any]] = []
     alone = set[str]()
     for path in folder.glob("*.jsonl"):
         for row in map(json.loads, path.read_text().splitlines()):
+            took = np.array(row["spent"])
             if row["kind"] == "fixture":
-                shared.append((row["name"], row["base"], row["spent"]))
+                shared.append((row["name"], row["base"], took))
                 continue
             uses[row["node"]] = set(row["uses"])
             alone |= {row["node"]} if path.stem == "main" else set()
             if row["kind"] == "end":
-                shared.append(("", row["node"].partition("::")[0], row["spent"]))
+                shared.append(("", row["node"].partition("::")[0], took))
             else:
-                spent[row["node"]] = [a + b for a, b in zip(spent[row["node"]], row["spent"], strict=True)]
+                spent[row["node"]] += took
     for name, base, whole in shared:
         users = [node for node in uses if node.startswith(base) and (not name or name in uses[node])]
         for node in users:
-            spent[node] = [a + b / len(users) for a, b in zip(spent[node], whole, strict=True)]
+            spent[node] += whole / len(users)
     share = {True: CORES, False: CORES / WORKERS}  # of the machine, while it runs
     dear = {node: max(processor, clock * share[node in alone]) for node, (processor, clock) in spent.items()}
-    processor, clock = (sum(each) for each in zip(*spent.values(), strict=True))
+    processor, clock = sum(spent.values())
     return dear, processor, clock - processor
 
 

@@ -48,7 +48,7 @@ class NodeGraph:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         return self.add(kind(parameter_overrides=overrides, context=self.context, **options))
 
-    def hear(self, kind: Any, topic: str, profile: QoSProfile | int = STATES) -> list[Any]:
+    def collect(self, kind: Any, topic: str, profile: QoSProfile | int = STATES) -> list[Any]:
         """Return a list to which the messages of a topic are appended."""
         messages: list[Any] = []
         self.peer.create_subscription(kind, topic, messages.append, profile)

@@ -68,7 +68,7 @@ class Graph(NodeGraph):
         self.plant = self.make(PlantNode, given, make_plant=partial(self._oscillator, oscillator))
         self.blocks: list[SampleBlock] = []
         self.handshakes = 0
-        self.heard = self.hear(Event, "events", EVENTS)
+        self.heard = self.collect(Event, "events", EVENTS)
         self.states = self.peer.create_publisher(CeilingState, "ceiling/state", STATES)
         self.status = self.peer.create_publisher(RecorderStatus, "recorder/status", STATUS)
         self.blocks_in = self.peer.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
@@ -214,7 +214,7 @@ def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
 def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(start: Start) -> None:
     graph = start()
     graph.peer.destroy_subscription(graph.blocks_in)
-    logs = graph.hear(Log, "/rosout", ROSOUT)
+    logs = graph.collect(Log, "/rosout", ROSOUT)
     graph.until(lambda: any("waiting" in log.msg for log in logs))
     (text,) = {log.msg for log in logs if "waiting" in log.msg}
     topics, _, missing = text.partition(";")

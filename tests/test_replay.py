@@ -94,7 +94,7 @@ def close(one: Any, other: Any) -> bool:
 def test_a_replay_gives_the_recorded_estimates_and_commands(
     graph: NodeGraph, recorded: Path, tmp_path: Path, rate: float
 ) -> None:
-    heard = graph.hear(Clock, "/clock", 100)
+    heard = graph.collect(Clock, "/clock", 100)
     began = time.monotonic()
     height_map = ROOT / "atpid_control/config/maps/standard.npz"
     before, after = open_bag(recorded), replay(graph, recorded, tmp_path, rate, height_map)

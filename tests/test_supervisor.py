@@ -40,10 +40,10 @@ class Supervised(NodeGraph):
         write_parameters(self.given, folder / "parameters.yaml")
         self.commands = dict(commands_of(folder / "parameters.yaml"))
         others = [(name, command) for name, command in self.commands.items() if name != SUPERVISOR.name]
-        self.supervisor = self.hear(SupervisorState, "supervisor/state")
-        self.asked = self.hear(CeilingCommand, "ceiling/command")  # where the selector has sent the ceiling
-        self.ceiling = self.hear(CeilingState, "ceiling/state")
-        self.truth = self.hear(PlantTruth, "plant/truth", BLOCKS)
+        self.supervisor = self.collect(SupervisorState, "supervisor/state")
+        self.asked = self.collect(CeilingCommand, "ceiling/command")  # where the selector has sent the ceiling
+        self.ceiling = self.collect(CeilingState, "ceiling/state")
+        self.truth = self.collect(PlantTruth, "plant/truth", BLOCKS)
         self.events: list[tuple[float, Event]] = []  # with the steady time of receipt [s]
         self.peer.create_subscription(Event, "events", self._on_event, EVENTS_KEPT)
         self.nodes = Processes(others, folder, restarts=1)

@@ -87,10 +87,10 @@ class Run(NodeGraph):
         nodes = ["selector_node", *(["motor_node", "excitation_node"] if excited else [])]
         given = {"nodes": nodes, "needed": nodes, "answer_time": PATIENT, "check_time": 0.0}
         self.supervisor = self.make(SupervisorNode, given | parameters)
-        self.states = self.hear(SupervisorState, "supervisor/state")
-        self.events = self.hear(Event, "events", 100)
-        self.ceiling = self.hear(CeilingState, "ceiling/state")
-        self.excited = self.hear(ExcitationState, "excitation/state")
+        self.states = self.collect(SupervisorState, "supervisor/state")
+        self.events = self.collect(Event, "events", 100)
+        self.ceiling = self.collect(CeilingState, "ceiling/state")
+        self.excited = self.collect(ExcitationState, "excitation/state")
         self.blocks = self.peer.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
         self.tones = self.peer.create_publisher(ExcitationCommand, "excitation/command", 10)
