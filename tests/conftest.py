@@ -19,7 +19,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile a kernel in one worker at a time, and measure what tests cost where `make costs` runs them."""
     compiled_once.install()
     costs.install(config)
-    config.addinivalue_line("markers", parts.MARKER)
+    config.addinivalue_line("markers", "rest: left to `make test-all`, by what it costs (tests/parts.py)")
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` looks at the marks

@@ -24,8 +24,6 @@ FILE = 10.0
 #: Of `make test`, on two cores: 300 s less the start and the checks.
 BUDGET = 400.0
 
-MARKER = "rest: left to `make test-all`, by what it costs (tests/parts.py)"
-
 
 def measured(table: Path = TABLE) -> dict[str, float]:
     """Return the core seconds of each test that has a row."""

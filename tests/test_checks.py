@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy
 import pytest
 
-COMMANDS = ("ruff check .", "ruff format --check .", "mypy --strict", "lint-imports --no-logo")
-
 
 @pytest.mark.always("a change that one of these refuses is not complete")
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", ["ruff check .", "ruff format --check .", "mypy --strict", "lint-imports --no-logo"]
+)
 def test_it_passes(root: Path, command: str) -> None:
     if command.startswith("mypy") and numpy.lib.NumpyVersion(numpy.__version__) < "2.4.0":
         pytest.skip("an older numpy declares other types than are checked")

@@ -117,11 +117,12 @@ class Run(NodeGraph):
         command.header.stamp = self.peer.get_clock().now().to_msg()
         self.tones.publish(command)
 
-    def shakes(self) -> None:
-        """Wait until the exciter follows a new command."""
+    def shakes(self, unless: Callable[[], bool] = lambda: False) -> None:
+        """Wait until the exciter follows a new command, or what is given happens."""
         self.sequence += 1
         del self.excited[:]
-        self.until(lambda: self.excited and self.excited[-1].mode == ExcitationState.RUNNING, self.tone)
+        running = ExcitationState.RUNNING
+        self.until(lambda: unless() or (self.excited and self.excited[-1].mode == running), self.tone)
 
     def at_rest(self, *, new: bool = False) -> None:
         """Wait until it is off, and see that the same command, or a new one, brings nothing within a second."""
@@ -132,13 +133,20 @@ class Run(NodeGraph):
         assert not any(state.amplitude for state in self.excited[seen:])
 
     def armed(self) -> None:
-        """Arm motor and exciter, and let it shake."""
+        """Arm motor and exciter, and let it shake; again where this machine halted a node, which stops both."""
         self.until(lambda: self.states)
-        self.until(lambda: not self.states[-1].stop or self.call("supervisor_node/rearm").success)
-        self.ready()
-        self.until(lambda: self.call("excitation_node/rearm").success)
-        self.until(lambda: self.ceiling and self.ceiling[-1].mode in (CeilingState.HOLDING, CeilingState.MOVING))
-        self.shakes()
+        while not self._armed():
+            pass
+
+    def _armed(self) -> bool:
+        """Do so once; return whether nothing has stopped it meanwhile."""
+        self.until(lambda: not self.states[-1].stop, lambda: self.call("supervisor_node/rearm"))
+        self.until(lambda: self.states[-1].stop or self.states[-1].state == SupervisorState.READY)
+        self.until(lambda: self.states[-1].stop or self.call("excitation_node/rearm").success)
+        on = (CeilingState.HOLDING, CeilingState.MOVING)
+        self.until(lambda: self.states[-1].stop or (self.ceiling and self.ceiling[-1].mode in on))
+        self.shakes(lambda: self.states[-1].stop)
+        return not self.states[-1].stop
 
     def press(self, button: str) -> tuple[bool, str]:
         """Press a button of the live page; return its answer."""
