@@ -118,8 +118,9 @@ def test_what_was_made_just_now_stays(memory: Path, made: str, age: float, left:
     assert set(segments.orphans(memory, age)) == left
 
 
+@pytest.mark.wall_time
 def test_a_short_soak_runs_its_legs_and_leaves_nothing(tmp_path: Path) -> None:
-    """Two legs of 2.7 s, whose bags are kept."""
+    """Two legs of 2.7 s, whose bags are kept; alone, since tests that kill nodes leave shared memory, too."""
     out = tmp_path / "out"
     with redirect_stdout(io.StringIO()):
         assert main(["soak", str(SCENE), "--out", str(out), "--hours", "0.0015", "--leg", "0.00075", "--keep"]) == 0

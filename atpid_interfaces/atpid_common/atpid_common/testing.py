@@ -38,7 +38,7 @@ WARNINGS = (
 )
 TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
 MARKERS = (
-    "wall_time: its subject is the time on the clock; `make test` runs it after the others, alone",
+    "wall_time: judges the clock or the whole machine; `make test` runs it after the others, alone",
     "always(reason): `make test` runs it whatever it costs (tests/parts.py)",
 )
 
