@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,12 +19,17 @@ from atpid_interfaces.msg import (
     SampleBlock,
     SupervisorState,
 )
+from diagnostic_msgs.msg import KeyValue
 from lifecycle_msgs.srv import GetState
 from node_graph import NodeGraph
+from rcl_interfaces.srv import GetParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
@@ -37,26 +43,25 @@ from atpid_driver.nodes.motor_node import MotorNode
 #: Longer than this process is suspended on a busy machine [s].
 PATIENT = 5.0
 SUPERVISED = {"supervised": True, "supervision_timeout": PATIENT, "command_timeout": PATIENT}
-MOTOR = {
-    "backend": "simulated", "lowest": 0.017, "highest": 1.0, "speed": 0.01, "initial_height": 0.017,
-    **SUPERVISED,
-}  # fmt: skip
-EXCITER = {
-    "backend": "simulated", "highest_amplitude": 0.02, "lowest_frequency": 1.0, "highest_frequency": 20.0,
-    "rise_time": 0.1, "stale_timeout": PATIENT, **SUPERVISED,
-}  # fmt: skip
+LIMITS = {"lowest": 0.017, "highest": 1.0, "speed": 0.3}
+MOTOR = {"backend": "simulated", **LIMITS, "speed": 0.01, "initial_height": 0.017, **SUPERVISED}
+BAND = {"lowest_frequency": 1.0, "highest_frequency": 20.0}
+EXCITER = {"backend": "simulated", **BAND, "highest_amplitude": 0.02, "rise_time": 0.1, "stale_timeout": PATIENT}
+EXCITER |= SUPERVISED
 
 
 class Board:
     """In place of the motor node: its states are those that a test sets, and its services confirm what is asked."""
 
     def __init__(self, context: Context, mode: int) -> None:
-        self.node = node = Node("motor_node", context=context)
-        self.state, self.hung = CeilingState(mode=mode), False
+        self.node = node = Node("motor_node", context=context, start_parameter_services=False)
+        self.state, self.hung, self.asked = CeilingState(mode=mode), False, 0
         self.meanwhile: Client | None = None  # of a service that is called while it arms
         self.states = node.create_publisher(CeilingState, "ceiling/state", STATES)
         node.create_timer(0.02, self._publish)
         node.create_service(GetState, "~/get_state", lambda _, response: response)
+        each = ReentrantCallbackGroup()
+        node.create_service(GetParameters, "~/get_parameters", self._on_get_parameters, callback_group=each)
         node.create_service(Trigger, "~/stop", self._on_stop)
         node.create_service(Trigger, "~/rearm", self._on_rearm)
 
@@ -64,6 +69,13 @@ class Board:
         if not self.hung:
             self.state.header.stamp = self.node.get_clock().now().to_msg()
         self.states.publish(self.state)
+
+    async def _on_get_parameters(self, request: Any, response: Any) -> Any:
+        self.asked += 1
+        if self.asked == 1:
+            await Future()  # lost
+        response.values = [Parameter(name, value=LIMITS[name]).get_parameter_value() for name in request.names]
+        return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.state.mode, response.success = CeilingState.DISARMED, True
@@ -102,12 +114,6 @@ class Run(NodeGraph):
             self.add(self.board.node)
         if excited:
             self.exciter = self.make(ExcitationNode, EXCITER)
-
-    @property
-    def latest(self) -> dict[str, str]:
-        """The latest values in its diagnostics."""
-        own = [status for status in self.statuses if status.name.startswith("supervisor_node")]
-        return {value.key: value.value for status in own for value in status.values}
 
     def kinds(self) -> set[tuple[str, int]]:
         return {(event.kind, event.severity) for event in self.events}
@@ -246,7 +252,8 @@ def test_a_level_that_is_passed_stops_and_is_armed_again_only_below_it(start: St
     assert not refused.success
     assert "beam_displacement" in refused.message
     assert run.stopped("beam_displacement")
-    run.until(lambda: run.latest.get("beam_displacement") == "0.05", lambda: run.displacement(0.05))
+    latest = KeyValue(key="beam_displacement", value="0.05")
+    run.until(lambda: any(latest in status.values for status in run.statuses), lambda: run.displacement(0.05))
     assert run.call("supervisor_node/rearm").success
     run.until(lambda: run.states[-1].permit)
     run.until(lambda: run.stopped("beam_displacement"), lambda: run.displacement(0.3))
@@ -259,9 +266,8 @@ def test_a_motor_that_is_on_for_too_long_is_stopped(start: Start) -> None:
     run.until(lambda: run.stopped("motor_on_time"), lambda: run.commands.publish(command))
     run.until(lambda: run.ceiling[-1].mode == CeilingState.DISARMED)
     height, seen = run.ceiling[-1].height, len(run.ceiling)
-    run.until(
-        lambda: (Event.LIMIT, Event.WARNING) in run.kinds(), lambda: run.displacement(0.003)
-    )  # which stops nothing
+    # which stops nothing
+    run.until(lambda: (Event.LIMIT, Event.WARNING) in run.kinds(), lambda: run.displacement(0.003))
     run.until(lambda: len(run.ceiling) > seen + 20)
     assert {(state.mode, state.height) for state in run.ceiling[seen:]} == {(CeilingState.DISARMED, height)}
     assert (Event.ABORT, Event.ALARM) in run.kinds()
@@ -275,21 +281,23 @@ def test_a_loop_that_fails_its_check_is_stopped_and_ends(start: Start) -> None:
     run.until(lambda: run.stopped("loop check"))
 
 
-def test_its_end_withdraws_the_permission(start: Start) -> None:
-    run = start()
+def test_the_motors_limits_are_asked_for_again_where_no_answer_came(start: Start, scenes: Path) -> None:
+    run = start(excited=True, board=CeilingState.HOLDING, check_time=60.0, scene=str(scenes / "thesis_4_3.yaml"))
     run.ready()
-    run.supervisor.close()
-    run.until(lambda: run.states[-1].state == SupervisorState.SHUTDOWN)
-    assert not run.states[-1].permit
+    run.until(lambda: any("check passed" in e.text for e in run.events), lambda: run.displacement(0.001))
 
 
-def test_its_last_word_is_awaited(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_end_withdraws_the_permission_and_awaits_that_all_have_it(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = start()
     run.ready()
     awaited: list[str] = []
     monkeypatch.setattr(Publisher, "wait_for_all_acked", lambda publisher, _limit: awaited.append(publisher.topic_name))
     run.supervisor.close()
     assert sorted(awaited) == ["/events", "/supervisor/state"]
+    run.until(lambda: run.states[-1].state == SupervisorState.SHUTDOWN)
+    assert not run.states[-1].permit
 
 
 def test_a_motor_that_goes_off_stops_the_exciter_and_arming_the_motor_does_not_start_it(run: Run) -> None:
@@ -348,7 +356,6 @@ def test_stop_and_page_answer_what_both_drives_confirm(run: Run) -> None:
 
 
 def test_a_motor_whose_board_does_not_answer_stops_the_exciter(start: Start) -> None:
-    """And one that reports a fault."""
     run = start(excited=True, board=CeilingState.HOLDING)
     run.armed()
     run.board.hung = True  # its last state is repeated with the stamp it had

@@ -2,17 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop check, from the graph's messages: once, soon after the first sample, and on request."""
 
-from math import nan
-
 import numpy as np
 from atpid_interfaces.msg import RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STATUS
+from atpid_common.nodes.question import Question
 from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 from atpid_sim.scene import load_scene
 
@@ -30,13 +28,13 @@ class LoopChecker:
         self._nodes, self._allowed = nodes, allowed
         ceiling = load_scene(scene).ceiling if scene else None
         self._scene = Ceiling(*ceiling.range, ceiling.speed) if ceiling is not None and ceiling.controlled else None
-        self._sensors, self._motor = LatestBlocks(), Ceiling(nan, nan, nan)
+        self._sensors = LatestBlocks()
+        self._motor: Ceiling | None = None  # its limits, once it has answered
         self._status, self._errors = RecorderStatus(), dict[str, str]()
         self._channels: set[str] = set()
         self._begun: float | None = None
         self.decided = allowed == 0.0
-        self._limits = node.create_client(GetParameters, "motor_node/get_parameters")
-        self._asked: Future | None = None
+        self._limits = Question(node.create_client(GetParameters, "motor_node/get_parameters"), self._on_limits)
         subscribe(node, RecorderStatus, "recorder/status", self._on_recorder, STATUS)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STATES)
 
@@ -50,9 +48,8 @@ class LoopChecker:
 
     def turn(self, now: float) -> list[str]:
         """Go on at the steady time `now` [s]; return what fails still when the time allowed is over."""
-        if self._asked is None and self._scene is not None and self._limits.service_is_ready():
-            self._asked = self._limits.call_async(GetParameters.Request(names=_LIMITS))
-            self._asked.add_done_callback(self._on_limits)
+        if self._scene is not None and self._motor is None:
+            self._limits.ask(GetParameters.Request(names=_LIMITS), now)
         if self.decided or self._begun is None:
             return []
         found = self.failures(now)
@@ -61,13 +58,12 @@ class LoopChecker:
 
     def failures(self, now: float) -> list[str]:
         """Return what fails at the steady time `now` [s], one line each."""
-        motor = self._motor if np.isfinite(self._motor.speed) else None
         return failures(
             LoopSnapshot(
                 now=now,
                 sensors=self._sensors,
                 scene=self._scene if "motor_node" in self._nodes else None,
-                motor=motor,
+                motor=self._motor,
                 recorder_expected="recorder_node" in self._nodes,
                 recording=self._status.recording,
                 written=sum(self._status.written),
@@ -75,10 +71,9 @@ class LoopChecker:
             )
         )
 
-    def _on_limits(self, answer: Future) -> None:
-        if answer.exception() is None:
-            values = [value.double_value for value in answer.result().values]
-            self._motor = Ceiling(*values) if len(values) == len(_LIMITS) else self._motor
+    def _on_limits(self, answer: GetParameters.Response) -> None:
+        values = [value.double_value for value in answer.values]
+        self._motor = Ceiling(*values) if len(values) == len(_LIMITS) else self._motor
 
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._status = status

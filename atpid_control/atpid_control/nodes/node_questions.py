@@ -9,32 +9,20 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.task import Future
 
+from atpid_common.nodes.question import Question
 from atpid_control.supervision.answers import NodeLiveness
 
-#: Between two questions; and until one without an answer is asked again: discovery may lose the first [s].
-PERIOD, AGAIN = 0.1, 0.5
+#: Between two questions [s].
+PERIOD = 0.1
 LIFECYCLE_NODES = ("motor_node", "excitation_node", "labjack_node", "ni_node")
-
-
-@dataclass
-class _Question:
-    """The questions to one node."""
-
-    client: Client
-    request: Any
-    asked: float = 0.0  # steady [s]
-    pending: Future | None = None
 
 
 class NodeQuestions:
@@ -42,22 +30,15 @@ class NodeQuestions:
 
     def __init__(self, node: Node, answers: NodeLiveness) -> None:
         self._node, self._answers = node, answers
-        self._questions = {name: self._question(name) for name in answers.nodes}
+        self._questions = [self._question(name) for name in answers.nodes]
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         self._claims = {name: f"@atpid/{domain}{node.resolve_service_name(name)}" for name in answers.nodes}
         self._seen: set[str] = set()
 
     def ask(self, now: float) -> None:
         """Ask every node whose turn it is at the steady time `now` [s]."""
-        for name, question in self._questions.items():
-            waited = now - question.asked
-            if waited < (PERIOD if question.pending is None else AGAIN) or not question.client.service_is_ready():
-                continue
-            if question.pending is not None:
-                question.client.remove_pending_request(question.pending)
-            question.asked = now
-            question.pending = question.client.call_async(question.request)
-            question.pending.add_done_callback(partial(self._answered, name))
+        for question, request in self._questions:
+            question.ask(request, now, PERIOD)
 
     def ended(self) -> set[str]:
         """Return the nodes whose processes have run on this machine and have ended, by the names that they claim."""
@@ -81,14 +62,10 @@ class NodeQuestions:
             "does not answer" if name in self._seen else "runs on another machine, or not at all, and does not answer"
         )
 
-    def _question(self, name: str) -> _Question:
-        if name in LIFECYCLE_NODES:
-            return _Question(self._node.create_client(GetState, f"{name}/get_state"), GetState.Request())
-        return _Question(self._node.create_client(GetParameters, f"{name}/get_parameters"), GetParameters.Request())
+    def _question(self, name: str) -> tuple[Question, Any]:
+        kind, service = (GetState, "get_state") if name in LIFECYCLE_NODES else (GetParameters, "get_parameters")
+        client = self._node.create_client(kind, f"{name}/{service}")
+        return Question(client, partial(self._answered, name)), kind.Request()
 
-    def _answered(self, name: str, future: Future) -> None:
-        question = self._questions[name]
-        if question.pending is None or future is not question.pending or future.exception() is not None:
-            return
-        question.pending = None
+    def _answered(self, name: str, _answer: Any) -> None:
         self._answers.answered(name, time.monotonic())

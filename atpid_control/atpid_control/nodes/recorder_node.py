@@ -36,7 +36,7 @@ from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.topics import parse
 from atpid_control.runs.writer import Sink, check_new
 
-TURN = 0.05  # between two checks whether the run has ended [s]
+TURN = 0.05  # between two checks whether the run has ended, and which parameters are still unknown [s]
 STATUS_PERIOD = 1.0  # [s]
 #: How long messages gather, which a kill loses beside those of the chunk [s].
 GATHER = 0.01
@@ -79,9 +79,10 @@ class RecorderNode(Node):
             take = partial(self._on_message, topic.name)
             self.create_subscription(class_of(topic.type), topic.name, take, subscription_qos(topic), raw=True)
         nodes = [] if self._lockstep else [name for name in self._values["parameters_of"] if name]
-        self._parameter_reader = ParameterReader(self, nodes, self._keep_parameters)
+        reader = ParameterReader(self, nodes, self._keep_parameters)
         self._own_timers = [
             self.create_timer(TURN, partial(self._guarded, self._turn), clock=STEADY),
+            self.create_timer(TURN, reader.poll, clock=STEADY),
             self.create_timer(STATUS_PERIOD, self._each_second, clock=STEADY),
         ]
         for period, act in ((self._values["sync_period"], self._sync), (self._chunk_period, self._end_chunk)):
@@ -232,7 +233,6 @@ class RecorderNode(Node):
 
     def _each_second(self) -> None:
         started_twice(self)
-        self._parameter_reader.poll()
         self._publish_status()
 
     def _statuses(self) -> list[DiagnosticStatus]:

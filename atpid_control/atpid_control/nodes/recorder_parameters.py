@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of recorder_node, what they mean for the session, and those of the other nodes, which it keeps."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,9 +12,9 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.task import Future
 
 from atpid_common.nodes.parameters import Entry
+from atpid_common.nodes.question import Question
 from atpid_control.recording.session import Writing
 from atpid_control.recording.trigger import EDGES, trigger_of
 from atpid_control.runs.topics import DEFAULT, Topic
@@ -76,28 +77,29 @@ class ParameterReader:
     def __init__(self, node: Node, names: Sequence[str], keep: Keep) -> None:
         """Take the nodes' names; `keep` is called with a node's name and its parameters."""
         self._node, self._keep = node, keep
-        self._open = {name: self._client(ListParameters, name, "list_parameters") for name in names}
-        self._requested: set[str] = set()
+        self._open: dict[str, tuple[Client, Question, Any]] = {}
+        for name in names:
+            self._question(name, ListParameters, "list_parameters", partial(self._on_names, name))
 
     def poll(self) -> None:
-        """Request the parameters of nodes that have appeared since; to be called periodically."""
-        for name, client in self._open.items():
-            if name not in self._requested and client.service_is_ready():
-                self._requested.add(name)
-                client.call_async(ListParameters.Request()).add_done_callback(partial(self._request_values, name))
+        """Ask those that have not answered yet; to be called periodically."""
+        for _, question, request in list(self._open.values()):
+            question.ask(request, time.monotonic())
 
-    def _request_values(self, name: str, answer: Future) -> None:
-        listed = [key for key in answer.result().result.names if not key.startswith(OF_RCLPY)]
-        client = self._client(GetParameters, name, "get_parameters")
-        request = GetParameters.Request(names=listed)
-        client.call_async(request).add_done_callback(partial(self._take_values, name, listed, client))
+    def _on_names(self, name: str, answer: ListParameters.Response) -> None:
+        names = [key for key in answer.result.names if not key.startswith(OF_RCLPY)]
+        self._close(name)
+        self._question(name, GetParameters, "get_parameters", partial(self._on_values, name, names), names=names)
 
-    def _take_values(self, name: str, listed: Sequence[str], client: Client, answer: Future) -> None:
-        values = map(parameter_value_to_python, answer.result().values)
+    def _on_values(self, name: str, names: Sequence[str], answer: GetParameters.Response) -> None:
+        self._close(name)
+        values = map(parameter_value_to_python, answer.values)
         plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
-        self._keep(name, dict(zip(listed, plain, strict=False)))
-        self._node.destroy_client(client)
-        self._node.destroy_client(self._open.pop(name))
+        self._keep(name, dict(zip(names, plain, strict=False)))
 
-    def _client(self, kind: Any, name: str, service: str) -> Client:
-        return self._node.create_client(kind, f"{name}/{service}")
+    def _question(self, name: str, kind: Any, service: str, answered: Callable[[Any], None], **request: Any) -> None:
+        client = self._node.create_client(kind, f"{name}/{service}")
+        self._open[name] = client, Question(client, answered), kind.Request(**request)
+
+    def _close(self, name: str) -> None:
+        self._node.destroy_client(self._open.pop(name)[0])

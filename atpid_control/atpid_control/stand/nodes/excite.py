@@ -13,7 +13,6 @@ from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.task import Future
 
 from atpid_common.arguments import file_path, graph_name, positive
 from atpid_common.errors import DONE, InputError
@@ -21,6 +20,7 @@ from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STATUS, doubles
 from atpid_common.nodes.node_main import TURN, command_node
+from atpid_common.nodes.question import Question
 from atpid_common.vocabulary import ExciterMode, Frame
 from atpid_driver.excitation.recorded import read_recorded
 from atpid_sim.scene import Scene, load_scene
@@ -59,26 +59,21 @@ class Exciter(Node):
         if signal is not None:
             signal.header.stamp = self.get_clock().now().to_msg()
             self._signals.publish(signal)
-        self._lifecycle = self.create_client(GetState, "excitation_node/get_state")
-        self._asked: Future | None = None
+        self._lifecycle = Question(self.create_client(GetState, "excitation_node/get_state"), self._on_lifecycle)
         self.create_timer(EVERY, self.send)
         self.found = self.armed = False
 
     def send(self) -> None:
         """Publish the command now, once the exciter is armed: an older one would be void."""
         if not self.armed:
-            self._ask()
+            self._lifecycle.ask(GetState.Request(), time.monotonic())
             return
         header = self._command.header
         header.stamp, header.frame_id = self.get_clock().now().to_msg(), Frame.SUPPORT
         self._commands.publish(self._command)
 
-    def _ask(self) -> None:
-        if self._asked is None and self._lifecycle.service_is_ready():
-            self._asked = self._lifecycle.call_async(GetState.Request())
-        elif self._asked is not None and self._asked.done():
-            self.armed = self._asked.result().current_state.id == State.PRIMARY_STATE_ACTIVE
-            self._asked = None
+    def _on_lifecycle(self, answer: GetState.Response) -> None:
+        self.armed = answer.current_state.id == State.PRIMARY_STATE_ACTIVE
 
     def end(self) -> None:
         """Command no output, and wait until it has been received."""
