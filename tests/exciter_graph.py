@@ -29,6 +29,7 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATES, STEADY, time_of
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import wait_for
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
@@ -375,10 +376,7 @@ class Graph:
                 raise spinner.error
 
     def until(self, condition: Callable[[], object], turn: Callable[[], None]) -> None:
-        end = time.monotonic() + 100.0
-        while not condition():
-            assert time.monotonic() < end, "what was waited for did not come"
-            turn()
+        wait_for(condition, turn=turn)
 
     def close(self) -> None:
         for spinner in self.spinners.values():  # that of the output first

@@ -4,7 +4,6 @@
 
 import os
 import subprocess
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common.testing import wait_for
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
@@ -79,23 +79,11 @@ def without_domain() -> dict[str, str]:
     return {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
 
 
-def wait_until(
-    happened: Callable[[], bool], process: subprocess.Popen[Any] | None = None, timeout: float = 100.0
-) -> None:
+def wait_until(happened: Callable[[], bool], process: subprocess.Popen[Any] | None = None) -> None:
     """Wait for an event; fail when it does not come, or when `process` ends without it."""
-    pause, deadline = threading.Event(), time.monotonic() + timeout
-    while not happened():
+
+    def turn() -> None:
         assert process is None or process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it did not happen"
-        pause.wait(0.02)
+        time.sleep(0.02)
 
-
-def spin_until(
-    executor: Any, happened: Callable[[], object], act: Callable[[], object] = lambda: None, timeout: float = 100.0
-) -> None:
-    """Spin until an event; call `act` before each turn."""
-    deadline = time.monotonic() + timeout
-    while not happened():
-        assert time.monotonic() < deadline, "it did not happen"
-        act()
-        executor.spin_once(timeout_sec=0.02)
+    wait_for(happened, turn=turn)

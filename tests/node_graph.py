@@ -8,7 +8,6 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from graph_runs import spin_until
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
@@ -18,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import STATES
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 from atpid_control.stand.domain import own_domain
 
 
@@ -56,7 +56,7 @@ class NodeGraph:
 
     def until(self, happened: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         """Spin until an event; call `act` before each turn."""
-        spin_until(self.executor, happened, act, timeout=60.0)
+        spin_until(self.executor, happened, act)
 
     def call(self, name: str, kind: Any = Trigger, **request: Any) -> Any:
         """Call a service; return its answer."""

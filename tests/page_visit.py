@@ -18,11 +18,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from atpid_common.testing import PATIENCE
+
 DESKTOP: Any = {"width": 1280, "height": 900}
 PHONE: Any = {"width": 390, "height": 844}
 #: By screen: its size, and the scheme in which a page is opened, then the one it is switched to.
 SCREENS: Any = {"desktop": (DESKTOP, ("light", "dark")), "phone": (PHONE, ("dark", "light"))}
-TIMEOUT = 120.0  # [s] for a page to load, or to show something
 #: Texts of the charts that leave the screen, and names of curves that stand within the panels.
 MISPLACED = """() => {
   const box = (item) => item.getBoundingClientRect();
@@ -62,7 +63,7 @@ def live(kind: str, *words: object) -> Any:
     if chromium is None or importlib.util.find_spec("playwright") is None:
         pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
     command = [sys.executable, __file__, chromium, kind, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=5.0 * PATIENCE)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
 
@@ -76,7 +77,7 @@ class Browser:
 
     def open(self, url: str, **options: Any) -> Any:
         page = self.chromium.new_page(**options)
-        page.set_default_timeout(1e3 * TIMEOUT)
+        page.set_default_timeout(1e3 * PATIENCE)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
         page.goto(url)
@@ -101,7 +102,7 @@ def wrong(page: Any) -> list[str]:
 
 def until(page: Any, expression: str) -> None:
     """Wait until an expression is true in the page, whose policy forbids `wait_for_function`."""
-    deadline = time.monotonic() + TIMEOUT
+    deadline = time.monotonic() + PATIENCE
     while not page.evaluate(expression):
         assert time.monotonic() < deadline, f"{expression}: {page.evaluate('[live.pressed, live.answer, live.state]')}"
         page.wait_for_timeout(50)

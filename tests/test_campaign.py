@@ -22,6 +22,7 @@ from documented import ROOT
 from graph_runs import wait_until, without_domain
 from page_visit import visited
 
+from atpid_common.testing import PATIENCE
 from atpid_common.vocabulary import Quality, Severity
 from atpid_control.analysis.signals import Signals
 from atpid_control.campaign.folder import CampaignFolder, Record
@@ -200,7 +201,7 @@ def test_a_campaign_killed_at_any_instant_loses_nothing_and_agrees_with_simulati
         for place in done_points(out):
             record = (place / "point.json").stat()
             assert before.setdefault(place.name, record.st_mtime_ns) == record.st_mtime_ns  # none is measured again
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=400.0)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=4.0 * PATIENCE)
     assert done.returncode == 0, done.stderr
     assert re.search(r"\b4 of 4\b.*\b0 skipped", done.stdout)
     places = [out / f"points/{number:04d}" for number in range(1, 5)]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from graph_runs import wait_until
 
+from atpid_common.testing import PATIENCE
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene, standard_bench
 from atpid_sim.simulation.batch import Workers
@@ -72,8 +73,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         wait_until(lambda: file.is_file() and file.read_text().endswith("}"), processes[0])
         address = json.loads(file.read_text())["address"]
         processes += [dask("worker", "--nthreads", "1", "--no-nanny", *common) for _ in range(3)]
-        with distributed.Client(address, timeout=100.0, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-            client.wait_for_workers(3, timeout=100)
+        with distributed.Client(address, timeout=PATIENCE, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            client.wait_for_workers(3, timeout=PATIENCE)
         yield Cluster(address, processes[1:])
     finally:
         for process in processes:

@@ -74,7 +74,7 @@ ROUND = settings(
 )  # fmt: skip
 #: How often an example is begun anew where this machine is so busy that a stop comes before its output, how long that
 #: is waited for, and for how long examples are begun [s]: what a busy machine does not get to is left out.
-TRIES, PATIENCE, BEGUN_FOR = 3, 3.0, math.inf if LONG else 45.0
+TRIES, SOON, BEGUN_FOR = 3, 3.0, math.inf if LONG else 45.0
 #: Until an output is held, on a machine without other work [s].
 HELD = 1.9
 #: Between two commands of the commander [s].
@@ -516,7 +516,7 @@ class Interleaving(RuleBasedStateMachine):
             stand.begin()
             stand.decide(kind=SINE, amplitude=min(amplitude, HIGHEST), frequency=12.5, hold=hold)
             begin = time.monotonic()
-            while not stand.account.stopped() and time.monotonic() < begin + PATIENCE:
+            while not stand.account.stopped() and time.monotonic() < begin + SOON:
                 stand.turn()
                 if stand.record.any(begin, time.monotonic()):
                     stand.runs += 1

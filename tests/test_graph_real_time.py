@@ -13,6 +13,7 @@ import pytest
 from graph_runs import parameters, scene_file, started, wait_until
 
 from atpid_common.nodes.messages import nanoseconds_of
+from atpid_common.testing import PATIENCE
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
@@ -111,7 +112,7 @@ def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path) -> 
         again = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for command in commands]
         for part, second in zip(parts, again, strict=True):
             stack.callback(interrupted, second)  # where it took the name over
-            printed = second.communicate(timeout=500.0)[1].strip().splitlines()
+            printed = second.communicate(timeout=5.0 * PATIENCE)[1].strip().splitlines()
             assert second.returncode == 2
             assert printed[-1].startswith(f"error: /{part.name} ")
         assert [node.poll() for node in first] == [None, None]

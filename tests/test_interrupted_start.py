@@ -16,6 +16,7 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graph_runs import wait_until
 
+from atpid_common.testing import PATIENCE
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.processes import START_NODE
 
@@ -71,7 +72,7 @@ def interrupted(name: str, folder: Path, moment: Callable[[int], bool]) -> tuple
             wait_until(lambda: moment(process.pid), process)
             process.send_signal(signal.SIGINT)
             process.send_signal(signal.SIGINT)
-            printed, _ = process.communicate(timeout=100.0)
+            printed, _ = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     return process.returncode, printed

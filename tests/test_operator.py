@@ -5,7 +5,6 @@
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -21,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES
+from atpid_common.testing import wait_for
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.stand.domain import own_domain
 from atpid_control.views.live.requests import read_request
@@ -80,10 +80,9 @@ class Desk(Spun):
 
     def confirmed(self, ask: Callable[[], tuple[bool, str]]) -> str:
         """Ask until it is confirmed, which a busy machine does not do in time, or misses a beat; return the words."""
-        end = time.monotonic() + 150.0
-        while not (answer := ask())[0]:
-            assert time.monotonic() < end, answer
-        return answer[1]
+        answers: list[tuple[bool, str]] = []
+        wait_for(lambda: answers and answers[-1][0], turn=lambda: answers.append(ask()), state=lambda: answers[-1])
+        return answers[-1][1]
 
     def stop(self) -> str:
         return self.confirmed(lambda: self.call("supervisor_node/stop"))

@@ -22,6 +22,7 @@ from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of, time_of
+from atpid_common.testing import PATIENCE
 from atpid_control.loop.settings import controller_of, selector_of
 from atpid_control.nodes.selector_node import HELD, SelectorNode
 
@@ -284,7 +285,7 @@ def test_each_estimate_is_answered_while_a_height_is_computed(make: Make, monkey
     proceed.set()  # the node begins with a selection
 
     def slow(*arguments: Any, **named: Any) -> Any:
-        return Slow(selector_of(*arguments, **named), "select", lambda: proceed.wait(100.0))
+        return Slow(selector_of(*arguments, **named), "select", lambda: proceed.wait(PATIENCE))
 
     monkeypatch.setattr("atpid_control.nodes.selector_node.selector_of", slow)
     loop = make(method="direct", selection_deadline=60.0)  # so that the height does not depend on the machine's load

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes of tests on one executor of their own, which is turned until what is waited for has come."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +10,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 
 
 class NodeStand:
@@ -25,12 +25,8 @@ class NodeStand:
             self.executor.add_node(node)
 
     def until(self, condition: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
-        """Act and turn until the condition holds; a machine that is busy has 100 s for it."""
-        end = time.monotonic() + 100.0
-        while not condition():
-            assert time.monotonic() < end, "what was waited for did not come"
-            act()
-            self.executor.spin_once(timeout_sec=0.02)
+        """Act and turn until the condition holds."""
+        spin_until(self.executor, condition, act)
 
     def wait(self, future: Any, act: Callable[[], object] = lambda: None) -> Any:
         """Return a future's result."""

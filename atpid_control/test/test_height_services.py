@@ -21,6 +21,7 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
+from atpid_common.testing import PATIENCE
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
@@ -52,7 +53,7 @@ class Stand(NodeStand):
 
     def begin(self, method: str, **request: float) -> Future:
         service = self.client.create_client(SelectHeight, f"selector_node/{method}")
-        assert service.wait_for_service(timeout_sec=100.0)
+        assert service.wait_for_service(timeout_sec=PATIENCE)
         return service.call_async(SelectHeight.Request(**request))
 
     def ask(self, method: str, **request: float) -> SelectHeight.Response:
@@ -107,7 +108,7 @@ class Blocked:
 
     def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         self.begun.set()
-        assert self.proceed.wait(100.0)
+        assert self.proceed.wait(PATIENCE)
         raise ZeroDivisionError("a defect")
 
 
@@ -148,7 +149,7 @@ class MapStand(NodeStand):
         self.feedback: list[Any] = []
 
     def ask(self, out: Path, amplitudes: list[float], scene: str = STANDARD, ratios: tuple[float, ...] = ()) -> Any:
-        assert self.client.wait_for_server(timeout_sec=100.0)
+        assert self.client.wait_for_server(timeout_sec=PATIENCE)
         goal = ComputeMap.Goal(scene=scene, amplitudes=amplitudes, mass_fractions=[0.1], out=str(out))
         goal.frequency_ratios = ratios
         self.feedback.clear()

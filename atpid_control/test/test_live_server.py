@@ -15,6 +15,7 @@ from test_live_view import block, event, tone
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
+from atpid_common.testing import PATIENCE
 from atpid_control.views.live import server as server_module
 from atpid_control.views.live.address import TOKEN, Address, LiveError, address_of, listening, prepared
 from atpid_control.views.live.requests import Request
@@ -119,7 +120,7 @@ def tab_that_reads_nothing(server: LiveServer) -> socket.socket:
 
 def get(server: LiveServer, path: str, **headers: str) -> tuple[int, str, Any]:
     """Return status, text and headers; a redirection is not followed."""
-    with closing(HTTPConnection("127.0.0.1", server.address.port, timeout=200.0)) as client:
+    with closing(HTTPConnection("127.0.0.1", server.address.port, timeout=2.0 * PATIENCE)) as client:
         client.request("GET", path, headers=headers)
         answer = client.getresponse()
         return answer.status, answer.read().decode(), answer.headers

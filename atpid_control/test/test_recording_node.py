@@ -9,7 +9,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
 from atpid_common.nodes.parameters import ParameterError
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import PATIENCE, spin_until
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import find_parts
@@ -118,13 +119,6 @@ def ros() -> Iterator[TurnExecutor]:
         node.destroy_node()
     executor.shutdown()
     rclpy.try_shutdown()
-
-
-def spin_until(executor: TurnExecutor, met: Callable[[], bool], timeout: float = 100.0) -> None:
-    deadline = time.monotonic() + timeout
-    while not met():
-        assert time.monotonic() < deadline, "what the test waits for did not happen"
-        executor.spin_once(timeout_sec=0.05)
 
 
 def begin(executor: TurnExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
@@ -260,7 +254,7 @@ def test_a_disk_that_hangs_is_reported_and_nothing_waits_for_it(
     ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
-    monkeypatch.setattr(Sink, "sync", lambda _sink: released.wait(100.0))
+    monkeypatch.setattr(Sink, "sync", lambda _sink: released.wait(PATIENCE))
     recorder, source = begin(ros, tmp_path / "run", sync_period=0.05)
     try:
         source.block(0)
@@ -308,14 +302,14 @@ def test_an_end_by_a_signal_leaves_a_whole_bag(ros: TurnExecutor, tmp_path: Path
         spin_until(ros, source.ready)
         if number == signal.SIGINT:
             with recorder_process(tmp_path / "second") as second:
-                said, _ = second.communicate(timeout=100.0)
+                said, _ = second.communicate(timeout=PATIENCE)
             assert (second.returncode, said.count("\n")) == (2, 1)
             assert "already running" in said
             assert os.listdir(tmp_path) == ["run"]
         send(ros, source, *range(20))
         spin_until(ros, lambda: source.status is not None and source.status.written[0] >= 20)
         recorder.send_signal(number)
-        said, _ = recorder.communicate(timeout=100.0)
+        said, _ = recorder.communicate(timeout=PATIENCE)
     assert recorder.returncode == 0, said
     assert verify(tmp_path / "run").by_topic[LASER] == 20
 

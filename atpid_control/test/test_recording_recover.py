@@ -22,6 +22,7 @@ from recorded import LASER, STATES, Capture, begin_bag, block, in_one_line, make
 from rosbags.rosbag2 import Reader
 
 from atpid_common.injected_faults import Injected
+from atpid_common.testing import PATIENCE
 from atpid_control.cli import main
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.flush import DiskWatch, Flush
@@ -298,7 +299,6 @@ def test_what_the_index_does_not_lead_to_is_no_whole_bag_and_recover_leads_to_it
     assert verify(bag.with_name("run-recovered")).messages == 24
 
 
-TIMEOUT = 100.0
 PIECE = bytes(range(100))
 
 
@@ -316,12 +316,12 @@ class Disk:
             def write(self, data: bytes) -> int:
                 if threading.current_thread() is not threading.main_thread():
                     disk.begun.set()
-                    assert disk.released.wait(TIMEOUT)
+                    assert disk.released.wait(PATIENCE)
                 return super().write(data)
 
             def sync(self) -> None:
                 disk.begun.set()
-                assert disk.released.wait(TIMEOUT)
+                assert disk.released.wait(PATIENCE)
                 if disk.error:
                     raise disk.error
                 super().sync()
@@ -346,7 +346,7 @@ def test_what_is_written_while_the_disk_hangs_survives_a_kill(tmp_path: Path, di
     bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink)
     write(bag, 0)
     bag.sync()
-    assert disk.begun.wait(TIMEOUT)
+    assert disk.begun.wait(PATIENCE)
     for stamp in range(1, 20):
         write(bag, stamp)
         bag.sync()  # none is begun while one is under way
@@ -360,7 +360,7 @@ def test_what_is_written_while_the_disk_hangs_survives_a_kill(tmp_path: Path, di
 def test_a_split_does_not_wait_for_the_disk(tmp_path: Path, disk: Disk) -> None:
     bag = begin_bag(tmp_path / "run", topics=[STATES], sink=disk.sink, split=Split(seconds=1e-6))
     write(bag, 0, 1, 2000, 2001, 4000)
-    assert disk.begun.wait(TIMEOUT)
+    assert disk.begun.wait(PATIENCE)
     files = sorted((tmp_path / "run").glob("*.mcap"))
     assert len(files) == 3
     assert not files[0].read_bytes().endswith(MAGIC)
@@ -392,7 +392,7 @@ def test_an_error_is_that_of_the_flushes_after_it_too() -> None:
     flush, go, done = Flush(), threading.Event(), threading.Event()
 
     def fail() -> None:
-        assert go.wait(TIMEOUT)
+        assert go.wait(PATIENCE)
         raise OSError(errno.EIO, "")
 
     flush.add(fail)

@@ -22,6 +22,7 @@ from node_stand import NodeStand
 from rclpy.action import ActionClient
 
 from atpid_common.nodes.messages import BLOCKS, time_of
+from atpid_common.testing import PATIENCE
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.search_run import SearchingController, SearchRun
@@ -256,7 +257,7 @@ class Stand(NodeStand):
 
     def search(self, **changes: float) -> tuple[Any, list[SearchHeight.Feedback]]:
         """Return an accepted goal, and the feedback as it comes."""
-        assert self.actions.wait_for_server(timeout_sec=100.0)
+        assert self.actions.wait_for_server(timeout_sec=PATIENCE)
         heard: list[SearchHeight.Feedback] = []
         goal = self.wait(
             self.actions.send_goal_async(

@@ -3,7 +3,6 @@
 """A ROS context of its own in a test, and a node that subscribes to the topics of a source."""
 
 import os
-import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -17,8 +16,8 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATUS
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 
-TIMEOUT = 100.0
 N = TypeVar("N", bound=Node)
 
 
@@ -60,10 +59,7 @@ class Bench:
 
     def until(self, what: Callable[[], object]) -> None:
         """Spin until something has happened."""
-        deadline = time.monotonic() + TIMEOUT
-        while not what():
-            assert time.monotonic() < deadline, "it did not happen"
-            self.executor.spin_once(timeout_sec=0.05)
+        spin_until(self.executor, what)
 
     def has_event(self, part: str) -> bool:
         return any(part in event.text for event in self.events)

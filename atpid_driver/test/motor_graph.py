@@ -23,6 +23,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 from atpid_driver.nodes.motor_node import MotorNode
 
 SIMULATED: dict[str, Any] = {
@@ -86,18 +87,16 @@ class Stand:
     def texts(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]
 
-    def until(
-        self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 100.0
-    ) -> None:
-        now = time.monotonic()
-        end, due = now + limit, now
-        while not condition():
-            now = time.monotonic()
-            assert now < end, "the event waited for did not come"
-            if now >= due:
+    def until(self, condition: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+        due = time.monotonic()
+
+        def act_in_time() -> None:
+            nonlocal due
+            if time.monotonic() >= due:
                 act()
-                due = now + BLOCK  # as often as the loop does: a flood starves the port's thread of this interpreter
-            self.executor.spin_once(timeout_sec=0.02)
+                due = time.monotonic() + BLOCK  # as the loop does: a flood starves the port's thread
+
+        spin_until(self.executor, condition, act_in_time)
 
     def until_mode(self, mode: int, act: Callable[[], None] = lambda: None) -> None:
         self.until(lambda: self.state.mode == mode, act)

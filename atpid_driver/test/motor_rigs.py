@@ -5,13 +5,13 @@
 import os
 import re
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from atpid_common.testing import SLOWNESS, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
@@ -50,17 +50,7 @@ def running_board(folder: Path, **options: Any) -> Emulator:
 
 def settings(folder: Path, **change: Any) -> MotorSettings:
     """Return settings of the serial backend for the board in `folder`."""
-    return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0} | change)
-
-
-def wait_for(
-    condition: Callable[[], object], what: str, limit: float = 100.0, state: Callable[[], str] = lambda: ""
-) -> None:
-    """Poll until `condition` holds; fail after `limit` [s], with the state there is then."""
-    end = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < end, f"waited {limit:g} s for: {what}; there is: {state()}"
-        time.sleep(0.005)
+    return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0 * SLOWNESS} | change)
 
 
 def arm(actuator: CeilingActuator) -> None:

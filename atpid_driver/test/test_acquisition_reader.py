@@ -16,13 +16,13 @@ from acquisition_rigs import channels
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from atpid_common.testing import PATIENCE
 from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
 from atpid_driver.acquisition.reader import Backoff, Reader
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
-TIMEOUT = 100.0
 SETTINGS = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
 
 
@@ -39,18 +39,18 @@ class Watch:
     def blocks(self, count: int) -> list[Block]:
         taken: list[Block] = []
         while len(taken) < count:
-            assert self._ready.wait(TIMEOUT)
+            assert self._ready.wait(PATIENCE)
             self._ready.clear()
             taken += self.reader.take()
         return taken
 
     def fault(self) -> str:
-        fault, text = self._reports.get(timeout=TIMEOUT)
+        fault, text = self._reports.get(timeout=PATIENCE)
         assert fault
         return text.removeprefix("simulated:1: ")
 
     def recovers(self) -> None:
-        assert not self._reports.get(timeout=TIMEOUT)[0]
+        assert not self._reports.get(timeout=PATIENCE)[0]
 
     def has_no_more(self) -> bool:
         return self._reports.empty()

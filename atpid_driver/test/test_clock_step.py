@@ -18,6 +18,7 @@ from atpid_interfaces.msg import CeilingState
 from motor_graph import SIMULATED, arguments
 
 from atpid_common.nodes.messages import nanoseconds_of
+from atpid_common.testing import PATIENCE
 
 PACE = 0.02  # of the motor's states [s]
 HOUR = 3600.0
@@ -48,7 +49,7 @@ def stepped(
 
     def end() -> str:
         process.send_signal(signal.SIGINT)
-        return process.communicate(timeout=100.0)[1]
+        return process.communicate(timeout=PATIENCE)[1]
 
     try:
         with step.open("r+b", buffering=0) as file:

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from excitation_rigs import calibrate, calibrate_shaker, output_process, stand_in
 
+from atpid_common.testing import wait_for
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import NotReadyError
 from atpid_driver.acquisition.errors import StreamLostError, WrongDeviceError
@@ -148,9 +149,7 @@ class Rig:
 
 def until(condition: Callable[[], object], period: float = 1e-3) -> float:
     begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < 20.0, "what was waited for did not come"
-        time.sleep(period)
+    wait_for(condition, turn=lambda: time.sleep(period))
     return time.monotonic() - begin
 
 

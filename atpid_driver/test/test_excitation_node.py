@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 from atpid_driver.excitation.drive import Output
 from atpid_driver.excitation.guarded import GuardedDrive
 from atpid_driver.nodes import excitation_node
@@ -82,19 +83,21 @@ class Graph:
 
     def until(self, condition: Callable[[], object], command: ExcitationCommand | None = None) -> None:
         """Spin until something is true, commanding and permitting as often as in a run."""
-        end, due = time.monotonic() + 60.0, 0.0
-        while not condition():
-            now = time.monotonic()
-            assert now < end, "what was waited for did not come"
-            if now > due:
-                due = now + PERIOD
-                if command is not None:
-                    command.header.stamp = self.operator.get_clock().now().to_msg()
-                    self.commands.publish(command)
-                if self.permits is not None:
-                    self.permits.header.stamp = self.operator.get_clock().now().to_msg()
-                    self.supervisor.publish(self.permits)
-            self.executor.spin_once(timeout_sec=0.01)
+        due = 0.0
+
+        def command_and_permit() -> None:
+            nonlocal due
+            if time.monotonic() <= due:
+                return
+            due = time.monotonic() + PERIOD
+            if command is not None:
+                command.header.stamp = self.operator.get_clock().now().to_msg()
+                self.commands.publish(command)
+            if self.permits is not None:
+                self.permits.header.stamp = self.operator.get_clock().now().to_msg()
+                self.supervisor.publish(self.permits)
+
+        spin_until(self.executor, condition, command_and_permit)
 
     def pause(self, seconds: float, command: ExcitationCommand | None = None) -> None:
         end = time.monotonic() + seconds

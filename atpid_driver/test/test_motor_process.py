@@ -16,9 +16,10 @@ from atpid_interfaces.msg import CeilingState, Event
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from motor_graph import Stand, arguments, motor_process
-from motor_rigs import SERIAL, running_board, wait_for, words
+from motor_rigs import SERIAL, running_board, words
 from std_srvs.srv import Trigger
 
+from atpid_common.testing import PATIENCE, wait_for
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor.faults import MotorFault, in_words
 
@@ -143,7 +144,7 @@ def test_ctrl_c_in_motion_stops_the_motor_at_once(
         start(stand, emulator)
         process.send_signal(number)
         process.send_signal(number)
-        output, _ = process.communicate(timeout=100.0)
+        output, _ = process.communicate(timeout=PATIENCE)
         killed = number == signal.SIGKILL
         assert process.returncode == (-signal.SIGKILL if killed else 0), output
         assert "Traceback" not in output
@@ -183,7 +184,7 @@ def test_the_motor_is_off_in_time(stand: Stand, emulator: Emulator, parameters: 
             print(f"{way}: motor off after {taken:.0f} ms, allowed {allowed:.0f} ms")
             assert taken <= allowed + BUSY, way
             if way == "Ctrl-C":
-                output, _ = process.communicate(timeout=100.0)
+                output, _ = process.communicate(timeout=PATIENCE)
                 assert process.returncode == 0, output
                 assert "Traceback" not in output
                 break

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from motor_rigs import arm, board, running_board, settings, wait_for, words
+from motor_rigs import arm, board, running_board, settings, words
 
+from atpid_common.testing import wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
 from atpid_driver.emulator import Emulator

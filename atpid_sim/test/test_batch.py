@@ -14,6 +14,7 @@ import pytest
 from sim_program import PROGRAM
 from sim_refusals import has_parts, refused
 
+from atpid_common.testing import PATIENCE
 from atpid_sim.simulation.batch import Batch, Workers, cores, on_all_cores
 from atpid_sim.simulation.journal import JournalError, Record
 
@@ -37,7 +38,7 @@ def test_the_first_error_ends_the_rest() -> None:
 
 
 def test_each_core_gets_work() -> None:
-    meeting = threading.Barrier(2, timeout=100)
+    meeting = threading.Barrier(2, timeout=PATIENCE)
     jobs = dict(on_all_cores(lambda job: job == 0 or meeting.wait() >= 0, range(3), workers=2))
     assert jobs == {0: True, 1: True, 2: True}
     assert cores() >= 1

@@ -15,9 +15,10 @@ from typing import Any
 
 import pytest
 import yaml
-from motor_rigs import arm, board, need_emulator, settings, wait_for
+from motor_rigs import arm, board, need_emulator, settings
 
 from atpid_common.injected_faults import KINDS, Injected
+from atpid_common.testing import wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware

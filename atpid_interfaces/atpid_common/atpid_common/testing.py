@@ -12,9 +12,10 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -36,7 +37,46 @@ WARNINGS = (
     # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
     "ignore:Type google._upb:DeprecationWarning",
 )
-TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
+
+
+def _slowness() -> float:
+    """Return how many times its processor time a piece of work takes on the clock: what other processes take of it."""
+    begun, needed = time.perf_counter(), 0.05
+    used = time.thread_time()
+    while time.thread_time() - used < needed:
+        pass
+    return max(1.0, (time.perf_counter() - begun) / needed)
+
+
+#: Of this machine, now. What a test allows for scales with it, and is generous without: a busy machine fails no test.
+SLOWNESS = _slowness()
+PATIENCE = 100.0 * SLOWNESS  # how long a test waits for an event, an answer or the end of a process [s]
+TIMEOUT = 600.0 * SLOWNESS  # ends a test that hangs [s]
+
+
+def wait_for(
+    condition: Callable[[], object],
+    what: str = "an event",
+    turn: Callable[[], object] = lambda: time.sleep(0.005),
+    state: Callable[[], object] = lambda: "",
+) -> None:
+    """Call `turn` until `condition` holds; fail after `PATIENCE`, with the state there is then."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"waited {PATIENCE:g} s for {what}; there is: {state()}"
+        turn()
+
+
+def spin_until(executor: Any, condition: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
+    """Turn a ROS executor until `condition` holds; call `act` before each turn."""
+
+    def turn() -> None:
+        act()
+        executor.spin_once(timeout_sec=0.02)
+
+    wait_for(condition, turn=turn)
+
+
 MARKERS = (
     "wall_time: judges the clock or the whole machine; `make test` runs it after the others, alone",
     "always(reason): `make test` runs it whatever it costs (tests/parts.py)",
@@ -46,7 +86,6 @@ MARKERS = (
 # one test, the others belong to libraries.
 LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
 LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
-END_TIMEOUT = 60.0  # [s] for a thread or process to end, on a busy machine
 
 
 def check_notices(package: Path) -> None:
@@ -131,7 +170,7 @@ def threads() -> set[threading.Thread]:
 
 def leftovers(threads_before: set[threading.Thread], children_before: dict[int, str]) -> list[str]:
     """Wait for what a test started to end, and describe what does not."""
-    deadline = time.monotonic() + END_TIMEOUT
+    deadline = time.monotonic() + PATIENCE
     for thread in threads() - threads_before:
         thread.join(max(0.0, deadline - time.monotonic()))
     left = [f"thread {thread.name}" for thread in threads() - threads_before]

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node under test, and its peer, on one executor in a context of their own."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +10,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import spin_until
 
 
 class Spun:
@@ -30,10 +30,7 @@ class Spun:
         return node
 
     def until(self, happened: Callable[[], Any]) -> None:
-        end = time.monotonic() + 150.0
-        while not happened():
-            assert time.monotonic() < end, "it did not happen"
-            self.executor.spin_once(timeout_sec=0.02)
+        spin_until(self.executor, happened)
 
     def close(self) -> None:
         for node in self.nodes:

@@ -24,6 +24,7 @@ from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
 from atpid_common.interrupt import Interrupt, waking
+from atpid_common.testing import PATIENCE
 
 MANY = 20
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -50,7 +51,7 @@ class Numbers(Pair):
         """Publish numbers from 0 on, each of which is there before anything is called."""
         for number in range(MANY):
             self.publisher.publish(Int32(data=number))
-        assert self.publisher.wait_for_all_acked(Duration(seconds=100.0))
+        assert self.publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
 
     def after(self, seconds: float, act: Callable[[], Any]) -> Any:
         return self.node.create_timer(seconds, act, clock=STEADY)
