@@ -34,7 +34,6 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
-from atpid_common.testing import SLOWNESS
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_control.views.live.requests import read_request
@@ -42,7 +41,7 @@ from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
 
 #: Longer than this process is suspended on a busy machine [s].
-PATIENT = 5.0 * SLOWNESS
+PATIENT = 10.0
 SUPERVISED = {"supervised": True, "supervision_timeout": PATIENT, "command_timeout": PATIENT}
 LIMITS = {"lowest": 0.017, "highest": 1.0, "speed": 0.3}
 MOTOR = {"backend": "simulated", **LIMITS, "speed": 0.01, "initial_height": 0.017, **SUPERVISED}

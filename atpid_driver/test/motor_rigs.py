@@ -50,7 +50,9 @@ def running_board(folder: Path, **options: Any) -> Emulator:
 
 def settings(folder: Path, **change: Any) -> MotorSettings:
     """Return settings of the serial backend for the board in `folder`."""
-    return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0 * SLOWNESS} | change)
+    return MotorSettings(
+        **SERIAL | {"port": str(folder / "board"), "identify_timeout": min(60.0, 3.0 * SLOWNESS)} | change
+    )
 
 
 def arm(actuator: CeilingActuator) -> None:

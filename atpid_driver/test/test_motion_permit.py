@@ -18,11 +18,10 @@ from std_msgs.msg import Header
 
 from atpid_common.nodes.messages import STATES
 from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import SLOWNESS
 from atpid_driver.nodes.authority import TOPIC, Commander, MotionPermit
 
 #: Of the supervisor; longer than this process is suspended on a busy machine [s].
-PATIENT = 5.0 * SLOWNESS
+PATIENT = 10.0
 FIRST, FOREIGN = 0.3, 0.9  # heights [m]
 STOPPED = SupervisorState(state=SupervisorState.SAFE, stop=True, reason="stopped by the operator")
 WITHDRAWN = SupervisorState(state=SupervisorState.FAULT, permit=False, reason="no answer of recorder_node")
