@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wiring of the emulated stand, and a laser that dies or freezes: plant blocks become volts, metres come back."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -139,6 +140,7 @@ class Lasers:
     def __init__(self, bench: Bench, feed: Feed) -> None:
         self.bench, self.feed, self._random = bench, feed, np.random.default_rng(3)
         self.support: float | None = None  # what the support's laser gives instead of its reading [V]
+        self._ahead, self._wrote = 4, time.monotonic()  # blocks written and not yet received; when the last was
         channels = {"channels": [SUPPORT, BEAM], "terminals": ["AIN0", "AIN1"]}
         files = {"calibrations": ["laser_support.yaml", "laser_beam.yaml"]}
         library = str(build() / "libLabJackM.so")
@@ -150,7 +152,10 @@ class Lasers:
         bench = self.bench
 
         def happened() -> bool:
-            if self.feed.written < 50 * (len(bench.blocks) + 4):
+            if time.monotonic() - self._wrote > 0.5:  # what was written before the stream began is never received
+                self._ahead += 1
+            if self.feed.written < 50 * (len(bench.blocks) + self._ahead):
+                self._wrote = time.monotonic()
                 t = (self.feed.written + np.arange(50)) / 1000.0
                 volts = 3.0 + np.outer(np.sin(2.0 * np.pi * 5.5 * t), [0.0, 0.5])
                 volts += self._random.normal(0.0, 2.7e-4, volts.shape)
