@@ -55,11 +55,9 @@ class NodeGraph:
         return messages
 
     def until(self, happened: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
-        """Spin until an event; call `act` before each turn."""
         spin_until(self.executor, happened, act)
 
     def call(self, name: str, kind: Any = Trigger, **request: Any) -> Any:
-        """Call a service; return its answer."""
         client = self.peer.create_client(kind, name)
         self.until(client.service_is_ready)
         answer = client.call_async(kind.Request(**request))
@@ -67,12 +65,10 @@ class NodeGraph:
         return answer.result()
 
     def set(self, node: str, name: str, value: Any) -> Any:
-        """Set a parameter; return the result."""
         given = [Parameter(name, value=value).to_parameter_msg()]
         return self.call(f"{node}/set_parameters", SetParameters, parameters=given).results[0]
 
     def close(self) -> None:
-        """End all nodes."""
         for node in self.executor.get_nodes():
             getattr(node, "close", lambda: None)()
         self.executor.shutdown()

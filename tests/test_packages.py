@@ -31,7 +31,7 @@ PIP_ONLY = {name: library.partition("[")[0] for name, library in EXTRAS.items() 
 #: What is needed without an import: by `ros2 launch`, by the messages, by pytest as a plugin, and linters.
 WITHOUT_IMPORT = {
     "ros2launch", "rosidl_default_runtime", "action_msgs", "std_msgs", "python3-pytest-timeout",
-    "ament_copyright", "ament_lint_auto", "ament_lint_common",
+    "python3-pytest-rerunfailures", "ament_copyright", "ament_lint_auto", "ament_lint_common",
 }  # fmt: skip
 
 

@@ -34,11 +34,14 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
+from atpid_common.testing import repeated_after_a_halt
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_control.views.live.requests import read_request
 from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
+
+pytestmark = repeated_after_a_halt
 
 #: Longer than this process is suspended on a busy machine [s].
 PATIENT = 10.0

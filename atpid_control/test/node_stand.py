@@ -25,11 +25,9 @@ class NodeStand:
             self.executor.add_node(node)
 
     def until(self, condition: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
-        """Act and turn until the condition holds."""
         spin_until(self.executor, condition, act)
 
     def wait(self, future: Any, act: Callable[[], object] = lambda: None) -> Any:
-        """Return a future's result."""
         self.until(future.done, act)
         return future.result()
 

@@ -58,7 +58,6 @@ class Bench:
         return node
 
     def until(self, what: Callable[[], object]) -> None:
-        """Spin until something has happened."""
         spin_until(self.executor, what)
 
     def has_event(self, part: str) -> bool:

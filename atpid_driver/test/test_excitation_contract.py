@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from excitation_rigs import calibrate, calibrate_shaker, output_process, stand_in
 
-from atpid_common.testing import wait_for
+from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import NotReadyError
 from atpid_driver.acquisition.errors import StreamLostError, WrongDeviceError
@@ -33,6 +33,8 @@ from atpid_driver.excitation.outlets import OUTLETS, T7Stream, calibration_of
 from atpid_driver.excitation.signals import Generator
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.outputs import HEADER, Outputs
+
+pytestmark = repeated_after_a_halt
 
 T7 = ("labjack_dac", "labjack_stream")
 REAL = (*T7, "nidaqmx")

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import spin_until
+from atpid_common.testing import repeated_after_a_halt, spin_until
 from atpid_driver.excitation.drive import Output
 from atpid_driver.excitation.guarded import GuardedDrive
 from atpid_driver.nodes import excitation_node
@@ -33,6 +33,8 @@ from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.nodes.excitation_node import DECIDED, ExcitationNode
 from atpid_driver.standins import build
 from atpid_driver.standins.outputs import Outputs
+
+pytestmark = repeated_after_a_halt
 
 OFF, RUNNING, FAULT = ExcitationState.OFF, ExcitationState.RUNNING, ExcitationState.FAULT
 SIMULATED: dict[str, Any] = {

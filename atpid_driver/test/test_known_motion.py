@@ -18,6 +18,7 @@ from motor_rigs import SERIAL, running_board, words
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.injected_faults import Injected
+from atpid_common.testing import repeated_after_a_halt
 from atpid_common.vocabulary import Mode
 from atpid_driver import SettingsError
 from atpid_driver.emulator import Emulator
@@ -28,6 +29,8 @@ from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.motor_node import MotorNode
+
+pytestmark = repeated_after_a_halt
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
 DISTANCE = 0.15
@@ -135,31 +138,27 @@ def stand() -> Iterator[Stand]:
 
 
 def run(stand: Stand, folder: Path, act: Callable[[Emulator], None]) -> MotorNode:
-    """Ask for the handshake until it is answered or the node ends; act on the board when the motion is announced."""
-    announced = False
+    """Ask for the handshake until it is answered or the node ends; act on the board once the motion is announced."""
+
+    def ask() -> None:
+        if any(event.text.startswith("known motion: in") for event in stand.events):
+            act(emulator)  # again and again, as a selector does: a single command may be of a sender not yet known
+        stand.command(nan, 0.0, 0, handshake=True)
 
     def ended() -> bool:
-        nonlocal announced
-        if not announced and any(event.text.startswith("known motion: in") for event in stand.events):
-            announced = True
-            act(emulator)
         return node.done.done() or any(state.handshake for state in stand.states)
 
     with running_board(folder) as emulator:
         given: dict[str, Any] = {"port": str(folder / "board"), "initial_height": 0.97, "check_move": 0.1}
         node = stand.motor(**SERIAL | given)
-        stand.until(ended, lambda: stand.command(nan, 0.0, 0, handshake=True))
+        stand.until(ended, ask)
         if node.done.done():
             stand.until(lambda: stand.texts(Event.ABORT))
             before = emulator.state().travel_um
             stand.until(lambda: stand.state.mode in (CeilingState.DISARMED, CeilingState.FAULT))
             assert emulator.state().travel_um == pytest.approx(before, abs=10_000), "motor off"
         stand.close_motor()
-    if "heartbeat" not in node.error:
-        return node
-    del stand.states[:], stand.events[:]  # this process stood still for longer than the firmware allows: once more
-    (folder / "again").mkdir()
-    return run(stand, folder / "again", act)
+    return node
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,10 @@ from std_msgs.msg import Header
 
 from atpid_common.nodes.messages import STATES
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.testing import repeated_after_a_halt
 from atpid_driver.nodes.authority import TOPIC, Commander, MotionPermit
+
+pytestmark = repeated_after_a_halt
 
 #: Of the supervisor; longer than this process is suspended on a busy machine [s].
 PATIENT = 10.0

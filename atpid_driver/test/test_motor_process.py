@@ -19,9 +19,11 @@ from motor_graph import Stand, arguments, motor_process
 from motor_rigs import SERIAL, running_board, words
 from std_srvs.srv import Trigger
 
-from atpid_common.testing import PATIENCE, wait_for
+from atpid_common.testing import PATIENCE, repeated_after_a_halt, wait_for
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor.faults import MotorFault, in_words
+
+pytestmark = repeated_after_a_halt
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from motor_rigs import arm, board, running_board, settings, words
 
-from atpid_common.testing import wait_for
+from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
 from atpid_driver.emulator import Emulator
@@ -22,6 +22,8 @@ from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError, LinkError, StopNotConfirmedError
 from atpid_driver.motor.faults import WORDS, MotorFault
 from atpid_driver.motor.serial_actuator import SerialActuator
+
+pytestmark = repeated_after_a_halt
 
 RESOLUTION = 1.6e-3
 

@@ -18,7 +18,7 @@ import yaml
 from motor_rigs import arm, board, need_emulator, settings
 
 from atpid_common.injected_faults import KINDS, Injected
-from atpid_common.testing import wait_for
+from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware
@@ -32,6 +32,8 @@ from atpid_driver.motor.settings import MotorSettings
 from studies.firmware.fuzz import fuzz
 from studies.firmware.storm import storm
 from studies.stops import Noise
+
+pytestmark = repeated_after_a_halt
 
 DRIVER = Path(__file__).resolve().parents[2] / "atpid_driver"
 #: More by `python -m studies fuzz --frames N`.

@@ -54,6 +54,39 @@ PATIENCE = 100.0 * SLOWNESS  # how long a test waits for an event, an answer or 
 TIMEOUT = 600.0 * SLOWNESS  # ends a test that hangs [s]
 
 
+class Halts:
+    """When this process last stood still for longer than `LIMIT`, since other processes had the machine."""
+
+    LIMIT = 0.1  # a fifth of what the motor's firmware allows a host [s]
+
+    def __init__(self) -> None:
+        """Watch from now on."""
+        self.last = self.begun = time.monotonic()  # `begun`: the test that runs
+        threading.Thread(target=self._watch, name="session-halts", daemon=True).start()
+
+    def _watch(self) -> None:
+        while True:
+            before = time.monotonic()
+            time.sleep(0.02)
+            if time.monotonic() - before > self.LIMIT:
+                self.last = time.monotonic()
+
+    def seen(self) -> bool:
+        """Return whether there was one since the test began."""
+        return self.last > self.begun
+
+
+HALTS = Halts()
+#: For tests in which devices with a clock of their own wait for this process: a run in which it stood still shows
+#: nothing and is made again. Repeats are counted in pytest's summary.
+repeated_after_a_halt = pytest.mark.flaky(reruns=5, condition=HALTS.seen)
+
+
+def pytest_runtest_setup() -> None:
+    """Remember when a test begins."""
+    HALTS.begun = time.monotonic()
+
+
 def wait_for(
     condition: Callable[[], object],
     what: str = "an event",
