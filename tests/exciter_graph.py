@@ -29,7 +29,6 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATES, STEADY, time_of
 from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import wait_for
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
@@ -374,9 +373,6 @@ class Graph:
         for spinner in self.spinners.values():
             if spinner.error is not None:
                 raise spinner.error
-
-    def until(self, condition: Callable[[], object], turn: Callable[[], None]) -> None:
-        wait_for(condition, turn=turn)
 
     def close(self) -> None:
         for spinner in self.spinners.values():  # that of the output first

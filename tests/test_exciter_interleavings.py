@@ -61,6 +61,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES
+from atpid_common.testing import wait_for
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.views.live.requests import Plain
 from atpid_driver.standins import build
@@ -236,7 +237,7 @@ class Stand:
         decision = self.account.decision
         self.operator.destroy_publisher(self.commands)
         self.commands = self.operator.create_publisher(ExcitationCommand, TOPIC, 10)
-        self.graph.until(self.commands.get_subscription_count, self.graph.executor.wake)
+        wait_for(self.commands.get_subscription_count, turn=self.graph.executor.wake)
         self.note("the commander starts again")
         if decision is not None:
             self._decided(copied(decision.message))
@@ -244,7 +245,7 @@ class Stand:
     def second_comes(self, speaks: bool) -> None:
         node = self.graph.add("second")
         publisher = node.create_publisher(ExcitationCommand, TOPIC, 10)
-        self.graph.until(publisher.get_subscription_count, self.graph.executor.wake)
+        wait_for(publisher.get_subscription_count, turn=self.graph.executor.wake)
         command = ExcitationCommand(kind=SINE, amplitude=0.5 * HIGHEST, frequency=9.0, sequence=7) if speaks else None
         self.second, self.second_since = (node, publisher, command), time.monotonic()
         self.account.others.append(Stretch(self.second_since, math.inf))
@@ -414,16 +415,16 @@ class Stand:
             self.second_leaves()
         graph.control.replug()
         self.identifier.honest()
-        graph.until(lambda: not any(one.hanging for one in graph.spinners.values()), self.turn)
-        graph.until(lambda: not self.waiting, self.turn)
+        wait_for(lambda: not any(one.hanging for one in graph.spinners.values()), turn=self.turn)
+        wait_for(lambda: not self.waiting, turn=self.turn)
         self._answered(f"{EXCITER}/stop")
         while not (self._answered(f"{EXCITER}/rearm") and self.told == "armed already" and self._permitted):
             if not self._permitted:  # also while the exciter has opened its device, in which it does not answer
                 self.displacement(0.0)
                 self._answered(f"{SUPERVISOR}/rearm")
             self.spin(0.1)
-        graph.until(lambda: not self.record.any(time.monotonic() - 0.1, time.monotonic()), self.turn)
-        graph.until(lambda: self.state.mode == ExcitationState.OFF, self.turn)
+        wait_for(lambda: not self.record.any(time.monotonic() - 0.1, time.monotonic()), turn=self.turn)
+        wait_for(lambda: self.state.mode == ExcitationState.OFF, turn=self.turn)
         self.record.forget()
         self.record.noise = False
         for spinner in graph.spinners.values():
@@ -448,7 +449,7 @@ class Stand:
             found.append(success)
 
         self.ask(name, answered)
-        self.graph.until(lambda: found, self.turn)
+        wait_for(lambda: found, turn=self.turn)
         return found[0]
 
     def close(self) -> None:
@@ -658,7 +659,7 @@ def seeds() -> list[int]:
 def test_no_interleaving_breaks_a_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in(tmp_path, monkeypatch)
     with closing(Stand(tmp_path, build())) as stand:
-        stand.graph.until(lambda: stand.state.mode == ExcitationState.OFF and stand.supervisor.permit, stand.turn)
+        wait_for(lambda: stand.state.mode == ExcitationState.OFF and stand.supervisor.permit, turn=stand.turn)
 
         class OfThisStand(Interleaving):
             def __init__(self) -> None:

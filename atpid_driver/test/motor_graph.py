@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import nan
 from typing import Any
 
@@ -23,7 +23,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import spin_until
+from atpid_common.testing import own_domain, spin_until
 from atpid_driver.nodes.motor_node import MotorNode
 
 SIMULATED: dict[str, Any] = {
@@ -58,6 +58,8 @@ class Stand:
     """A motor node and a node that commands it, in one context on one executor."""
 
     def __init__(self) -> None:
+        self._domain = ExitStack()
+        self._domain.enter_context(own_domain())
         self.context = Context()
         rclpy.init(context=self.context)
         self.executor = TurnExecutor(context=self.context)
@@ -72,8 +74,6 @@ class Stand:
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
 
     def motor(self, **parameters: Any) -> MotorNode:
-        # beside one of an earlier test, which may leave the graph late, it would stay off
-        self.until(lambda: "motor_node" not in self.peer.get_node_names())
         values = [Parameter(name, value=value) for name, value in (SIMULATED | parameters).items()]
         node = MotorNode(parameter_overrides=values, context=self.context)
         self.executor.add_node(node)
@@ -176,3 +176,4 @@ class Stand:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
+        self._domain.close()

@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import repeated_after_a_halt, spin_until
+from atpid_common.testing import own_domain, repeated_after_a_halt, spin_until
 from atpid_driver.excitation.drive import Output
 from atpid_driver.excitation.guarded import GuardedDrive
 from atpid_driver.nodes import excitation_node
@@ -49,6 +50,8 @@ class Graph:
     """An excitation node and an operator, in one context on one executor."""
 
     def __init__(self) -> None:
+        self._domain = ExitStack()
+        self._domain.enter_context(own_domain())
         self.context = Context()
         rclpy.init(context=self.context)
         self.executor = TurnExecutor(context=self.context)
@@ -84,7 +87,6 @@ class Graph:
         return self.states[-1]
 
     def until(self, condition: Callable[[], object], command: ExcitationCommand | None = None) -> None:
-        """Spin until something is true, commanding and permitting as often as in a run."""
         due = 0.0
 
         def command_and_permit() -> None:
@@ -175,6 +177,7 @@ class Graph:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
+        self._domain.close()
 
 
 @pytest.fixture
@@ -410,8 +413,6 @@ class Support:
         self.sent += 1
 
     def until(self, condition: Callable[[], object], command: ExcitationCommand) -> None:
-        """Go on until something is true."""
-
         def turned() -> object:
             self()
             return condition()

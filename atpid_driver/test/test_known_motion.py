@@ -141,12 +141,16 @@ def run(stand: Stand, folder: Path, act: Callable[[Emulator], None]) -> MotorNod
     """Ask for the handshake until it is answered or the node ends; act on the board once the motion is announced."""
 
     def ask() -> None:
-        if any(event.text.startswith("known motion: in") for event in stand.events):
-            act(emulator)  # again and again, as a selector does: a single command may be of a sender not yet known
-        stand.command(nan, 0.0, 0, handshake=True)
+        announced = [event for event in stand.events if event.text.startswith("known motion: in")]
+        for event in announced:  # in a turn of its own: of two commands the node may see the last alone
+            stand.events.remove(event)
+            act(emulator)
+        if not announced:
+            stand.command(nan, 0.0, 0, handshake=True)
 
     def ended() -> bool:
-        return node.done.done() or any(state.handshake for state in stand.states)
+        faults = sum(state.mode == CeilingState.FAULT for state in stand.states)  # for long: nothing more happens
+        return node.done.done() or any(state.handshake for state in stand.states) or faults > 100
 
     with running_board(folder) as emulator:
         given: dict[str, Any] = {"port": str(folder / "board"), "initial_height": 0.97, "check_move": 0.1}

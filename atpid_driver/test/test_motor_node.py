@@ -370,8 +370,6 @@ def test_what_was_commanded_before_it_was_armed_does_not_move_it(stand: Stand) -
 
 
 def test_after_standing_still_only_a_fresh_height_moves_it(stand: Stand) -> None:
-    """Whether what commands it has stood still, or the motor node."""
-
     def stood_still(before: float) -> bool:
         return time.time() - before > LONGER_THAN_THE_TIMEOUT
 
