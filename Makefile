@@ -25,7 +25,7 @@ setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
 	$(call set_up)
 
 .PHONY: test-packages
-test-packages: ## the same, and what the tests need beside: type checker, second middleware, cluster, notebooks
+test-packages: ## the same, and what the tests need beside: type checker, second middleware, cluster
 	$(call set_up,tests)
 
 .PHONY: bench
