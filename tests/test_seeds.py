@@ -13,7 +13,6 @@ import pytest
 from atpid_control.selection.map_cache import map_for
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
-from studies.cli import main
 from studies.pure_loop import run_loop
 from studies.seeds.measure import configured, measured, noisy, run_seed
 
@@ -67,13 +66,3 @@ def test_a_grain_lighter_than_modelled_is_reported_as_drift_once(scenes: Path, h
     assert at < 6.0  # in the first stage
     assert "above" in text.split()
     assert {answer.severity for answer in ran.answers if answer.kind == "drift"} == {2}
-
-
-def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(
-    scenes: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["seeds", str(scenes / "stepped_4_8.yaml"), "--seeds", "1", "--decibels", "40"]) == 0
-    assert "stepped_4_8" in capsys.readouterr().out
-    for name, seeds, word in (("standard", "1", "controller"), ("stepped_4_8", "0", "--seeds:")):
-        assert main(["seeds", str(scenes / f"{name}.yaml"), "--seeds", seeds]) == 2
-        assert word in capsys.readouterr().err

@@ -135,12 +135,3 @@ def test_a_short_soak_runs_its_legs_and_leaves_nothing(tmp_path: Path) -> None:
     assert (out / "soak.png").is_file()
     (delay,) = delays(out / "leg-0001" / "bag")
     assert delay.largest == 0.0  # in lockstep
-
-
-@pytest.mark.parametrize(
-    ("more", "words"), [("--hours nan", {"--hours:", "nan;"}), ("--hours 1 --faults /dev/null", {"--faults:", "YAML"})]
-)
-def test_nonsense_is_one_line(tmp_path: Path, more: str, words: set[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["soak", str(SCENE), "--out", str(tmp_path / "out"), *more.split()]) == 2
-    assert words <= set(capsys.readouterr().err.splitlines()[-1].split())
-    assert not (tmp_path / "out").exists()

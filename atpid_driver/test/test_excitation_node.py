@@ -47,8 +47,6 @@ PERIOD, LOOKS = 0.02, 20
 
 
 class Graph:
-    """An excitation node and an operator, in one context on one executor."""
-
     def __init__(self) -> None:
         self._domain = ExitStack()
         self._domain.enter_context(own_domain())

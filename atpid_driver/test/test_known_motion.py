@@ -121,9 +121,6 @@ def test_a_ceiling_that_moves_the_other_way_is_named_at_once() -> None:
 def test_a_distance_that_cannot_be_judged_or_may_not_fit_is_refused(distance: float) -> None:
     with pytest.raises(SettingsError, match=rf"check_move {distance:g} m.* 0 .*0\.09 to 0\.4915 m"):
         MotorSettings(backend="simulated", lowest=0.017, highest=1.0, speed=0.3, check_move=distance)
-
-
-def test_in_lockstep_it_is_refused() -> None:
     with pytest.raises(SettingsError, match=r"check_move 0\.1 m.*lockstep"):
         MotorSettings(backend="simulated", lowest=0.017, highest=1.0, speed=0.3, lockstep=True, check_move=0.1)
 

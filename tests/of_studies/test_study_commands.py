@@ -3,7 +3,6 @@
 """Each study makes its result for its least size; the measured free decays; kernels that are compiled ahead."""
 
 import itertools
-import json
 import re
 from pathlib import Path
 
@@ -12,9 +11,6 @@ import pytest
 from atpid_control.identification import linear
 from atpid_sim.scene import standard_bench
 from studies import designs, modal, peace01, time_base
-from studies.atlas.atlas import Atlas
-from studies.atlas.build import build_atlas
-from studies.atlas.plan import Plan
 from studies.cli import main
 from studies.figures import free_decay
 from studies.identification import coverage
@@ -40,7 +36,6 @@ CASES = {
 
 @pytest.fixture
 def least_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What no option of a study makes smaller."""
     monkeypatch.setattr(designs, "STRUCTURES", {})
     monkeypatch.setattr("studies.designs.SYSTEMS", 2)
     monkeypatch.setattr(coverage, "CASES", {"white noise, 1 %": coverage.CASES["white noise, 1 %"]})
@@ -71,28 +66,6 @@ def test_a_study_makes_its_result(name: str, tmp_path: Path, capsys: pytest.Capt
         assert written.startswith(begin)
         assert written.endswith(f"{end}\nafter\n")
         assert "old\n" not in written
-
-
-def test_the_atlas_makes_its_result(tmp_path: Path) -> None:
-    tiny, out = Plan((0.1,), (0.005, 0.01), (0.01,), (1.0,), (0.3, 0.6)), tmp_path / "atlas.npz"
-    rows = build_atlas(standard_bench(), tiny, out).rows()
-    assert len(rows) == 2
-    assert rows == Atlas.load(out).rows()
-    assert all(row["largest"] < 1.0 and row["best_height"] <= row["cliff"] for row in rows)
-
-
-def test_every_scan_at_full_rate_arrives_or_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    """That none is dropped depends on what else the machine does; `python -m studies load` measures it."""
-    status = main(["load", "--seconds", "2", "--json"])
-    result = json.loads(capsys.readouterr().out)
-    tallies = result["topics"]["sensors/laser"], result["topics"]["sensors/accelerometer"]
-    assert [(one["channels"], one["rate"]) for one in tallies] == [(2, 50_000.0), (3, 12_800.0)]
-    for tally in tallies:
-        assert (tally["gaps"], tally["lost"]) == ([], 0)
-        assert tally["invalid"] == tally["channels"] * tally["dropped"]
-        assert tally["scans"] == tally["next_index"] > 0
-    assert result["lost"] == sum(tally["dropped"] for tally in tallies)
-    assert status == (1 if result["lost"] else 0)
 
 
 def test_a_tradeoff_has_what_nothing_beats_and_levels_that_converge() -> None:
