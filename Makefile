@@ -41,7 +41,8 @@ PYTEST = env OPENBLAS_NUM_THREADS=1 python -m pytest -q
 # A file stays on one worker, since its tests share fixtures; one worker more than there are cores, since tests of
 # processes wait for half of their time. A worker that crashes ends the run: xdist would wait for ever for its file.
 ABREAST = -n $$(($$(nproc) + 1)) --maxprocesses 8 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
-TESTS = atpid_interfaces/atpid_common/test atpid_sim/test atpid_driver/test atpid_control/test tests
+TESTS = atpid_interfaces/atpid_common/test atpid_sim/test atpid_driver/test atpid_control/test \
+	$(wildcard extensions/*/test) tests
 # $(call test,marks): the tests with these marks on every core, then those of them that are about the time on the clock.
 test = $(IN_WORKSPACE) $(PYTEST) $(ABREAST) -m "$(1) and not wall_time" && \
 	exec $(PYTEST) -m "$(1) and wall_time" $$(grep -rl --include='test_*.py' mark.wall_time $(TESTS))

@@ -42,9 +42,16 @@ from machine import (
 )
 from progress import step
 
-PACKAGES = (
-    "atpid_interfaces/atpid_interfaces", "atpid_interfaces/atpid_common", "atpid_sim", "atpid_driver", "atpid_control",
-)  # fmt: skip
+#: The core's packages, the messages first.
+CORE = (
+    "atpid_interfaces/atpid_interfaces",
+    "atpid_interfaces/atpid_common",
+    "atpid_sim",
+    "atpid_driver",
+    "atpid_control",
+)
+#: Whatever extension is there is built too.
+PACKAGES = (*CORE, *sorted(f"extensions/{path.parent.name}" for path in ROOT.glob("extensions/*/package.xml")))
 LOG = WORKSPACE / "setup.log"
 # Two programs that take as long as each other: the kernels of the plant, and those of the identification. The collector
 # frees nothing that matters in a minute, and takes a twelfth of it.
@@ -222,7 +229,7 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
 @contextmanager
 def kernels_beside(environment: dict[str, str]) -> Iterator[None]:
     """Compile the bench's kernels meanwhile, which needs no built workspace; the user's cache keeps them."""
-    sources = [str(ROOT / package) for package in PACKAGES[1:]]
+    sources = [str(ROOT / package) for package in CORE[1:]]
     paths = os.pathsep.join(filter(None, [*sources, environment.get("PYTHONPATH")]))
     given = environment | {"PYTHONPATH": paths, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
     quiet = subprocess.DEVNULL

@@ -29,11 +29,11 @@ from rich.console import Console
 from rich.table import Table
 from std_srvs.srv import Trigger
 
+from atpid_campaign.campaign.folder import MEASURED, CampaignFolder
+from atpid_campaign.campaign.page import AGREE, agreeing, compared
+from atpid_campaign.campaign.plan import points_of, read_campaign
 from atpid_common.arguments import file_path, whole
 from atpid_common.nodes.node_main import command_node
-from atpid_control.campaign.folder import MEASURED, CampaignFolder
-from atpid_control.campaign.page import AGREE, agreeing, compared
-from atpid_control.campaign.plan import points_of, read_campaign
 from atpid_control.runs.run import open_run
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes.composition import QUIET

@@ -17,6 +17,7 @@ PACKAGES = {
     "atpid_sim": "atpid_sim",
     "atpid_driver": "atpid_driver",
     "atpid_control": "atpid_control",
+    **{path.parent.name: f"extensions/{path.parent.name}" for path in sorted(ROOT.glob("extensions/*/package.xml"))},
 }
 #: What of a package is for those who read, build or test it. All else is installed.
 NOT_INSTALLED = {

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PLACES = ("tests/**/*.py", "atpid_*/test/**/*.py", "atpid_interfaces/*/test/**/*.py")
+PLACES = ("tests/**/*.py", "atpid_*/test/**/*.py", "atpid_interfaces/*/test/**/*.py", "extensions/*/test/**/*.py")
 #: Four words in a row: an assertion on these is one on a sentence.
 SENTENCE = re.compile(r"[A-Za-z]+[,;:]? [a-z]+[,;:]? [a-z]+[,;:]? [a-z]+")
 #: Names that begin with an underscore and are public: of named tuples, argparse, ctypes and notebooks.

@@ -13,11 +13,11 @@ import pytest
 from documented import OPTION, ROOT, Piece, anchors, commands, exists, files, links, options, pieces
 
 from atpid_common.cli import Parser, full_parser
-from atpid_control.cli import COMMANDS as ATPID
+from atpid_control.cli import commands as installed
 from atpid_control.stand.launching.arguments import check_names
 from studies.cli import COMMANDS as STUDIES
 
-PROGRAMS = {"atpid ": ATPID, "python -m studies ": STUDIES}
+PROGRAMS = {"atpid ": installed(), "python -m studies ": STUDIES}
 #: What stands for a word of the reader's, or for a choice of words: such a line is a pattern, and is not parsed.
 PATTERN = re.compile(r"[\[|…]|\b[A-Z]+\b(?!\.)|\)$")
 #: Lines that name a command in a sentence, or need a file of the reader's package.

@@ -13,7 +13,7 @@ from documented import PAGES, ROOT
 
 import atpid_control
 import atpid_sim
-from atpid_control.cli import COMMANDS as ATPID
+from atpid_control.cli import commands as installed
 from studies.parameters import SECTIONS
 
 SPHINX = ROOT / ".venv" / "docs"
@@ -38,11 +38,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_page_command_parameter_and_function_is_there(site: Path) -> None:
-    written = [*WRITTEN, *ROOT.glob("atpid_*/**/CHANGELOG.rst")]
+    written = [*WRITTEN, *ROOT.glob("atpid_*/**/CHANGELOG.rst"), *ROOT.glob("extensions/*/CHANGELOG.rst")]
     expected = {site / path.relative_to(ROOT).with_suffix(".html") for path in written}
     assert expected <= {*site.rglob("*.html")}
     shown = (site / "docs/commands.html").read_text() + (site / "docs/parameters.html").read_text()
-    named = [name for group in ATPID.values() for name in group]
+    named = [name for group in installed().values() for name in group]
     named += [row.name for table in SECTIONS.values() for row in table]
     assert [name for name in named if name not in shown] == []
     documented = set(re.findall(r' id="[^"]+\.([^".]+)"', (site / "docs/python_api.html").read_text()))

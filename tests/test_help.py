@@ -8,6 +8,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,14 +16,14 @@ from documented import ROOT
 
 from atpid_common.cli import Parser, full_parser, load
 from atpid_common.errors import did_you_mean
-from atpid_control.cli import COMMANDS as ATPID
+from atpid_control.cli import commands as installed
 from atpid_control.cli import main as atpid
 from atpid_control.completion import SHELLS, script
 from studies.cli import COMMANDS as STUDIES
 from studies.cli import main as studies
 
-PROGRAMS = {"atpid": ATPID, "python -m studies": STUDIES}
-MAIN = {"atpid": atpid, "python -m studies": studies}
+PROGRAMS = {"atpid": installed(), "python -m studies": STUDIES}
+MAIN: dict[str, Callable[[list[str]], int]] = {"atpid": atpid, "python -m studies": studies}
 EXAMPLES = {
     (program, name): shlex.split(load(place).EXAMPLE)
     for program, groups in PROGRAMS.items()

@@ -2,9 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program `atpid`: every command, by purpose."""
 
-from functools import partial
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
 
-from atpid_common.cli import Commands, run_commands
+from atpid_common.cli import Commands, is_among, run_commands, with_installed
+from atpid_common.errors import BAD_INPUT
 
 _SIM, _CONTROL, _DRIVER, _ROS = (
     "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes"
@@ -29,12 +33,7 @@ COMMANDS: Commands = {
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
-        "first-run": (f"{_CONTROL}.first_run", "a stand's first measurement, step by step, beside what is expected"),
         "excite": ("atpid_control.stand.nodes.excite", "command the exciter of nodes that run already, until Ctrl-C"),
-        "campaign": (
-            f"{_CONTROL}.campaign",
-            "measure a stand over many points: amplitudes, frequencies, heights, grains",
-        ),
         "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
@@ -60,10 +59,6 @@ COMMANDS: Commands = {
             f"{_CONTROL}.calibrate_contact",
             "restitution and modulus of a contact from a drop or run",
         ),
-        "calibrate campaign": (
-            f"{_CONTROL}.campaign:MODEL",
-            "a stand's model from its campaign: mass, beam, restitution",
-        ),
     },
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),
@@ -73,11 +68,42 @@ COMMANDS: Commands = {
         "ros param": (f"{_ROS}.param", "read and set parameters, as `ros2 param` does"),
     },
     "For this machine": {
-        "doctor": (f"{_CONTROL}.doctor", "what would keep a stand from running, and how to mend it"),
         "policy": ("atpid_control.stand.nodes.policy", "make the SROS 2 policy of a stand from its nodes"),
         "completion": ("atpid_control.completion", "write what completes the commands in a shell"),
     },
 }
 
-#: Runs one command, by default that of the process's arguments; returns its exit status (`run_commands`).
-main = partial(run_commands, "atpid", "The tuned particle impact damper: simulation, control, recordings.", COMMANDS)
+#: The package that brings a command, by the command's name: of extensions of this project, installed or not.
+_BROUGHT_BY = Path(__file__).parent / "data" / "extensions.json"
+
+
+def commands() -> Commands:
+    """Return every command there is: of the core, and of the packages that are installed."""
+    return with_installed(COMMANDS)
+
+
+def elsewhere(words: Sequence[str], known: Commands) -> str | None:
+    """Return the line on a command that a package brings which is not installed; None where `words` is no such."""
+    brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
+    name = next((name for name in (" ".join(words[:2]), *words[:1]) if name in brought), None)
+    if name is None or is_among(known, words):
+        return None
+    return (
+        f"error: `atpid {name}` comes with the package {brought[name]}, which is not installed: "
+        f"colcon build --packages-select {brought[name]}, or `make setup`"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command, by default that of the process's arguments; return its exit status (`run_commands`).
+
+    The entry points of other packages are read only where the core has no such command.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    known = COMMANDS
+    if not is_among(COMMANDS, words):
+        known = commands()
+        if line := elsewhere(words, known):
+            print(line, file=sys.stderr)
+            return BAD_INPUT
+    return run_commands("atpid", "The tuned particle impact damper: simulation, control, recordings.", known, words)

@@ -15,7 +15,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, path_to
 from atpid_common.cli import full_parser
 from atpid_common.errors import DONE
-from atpid_control.cli import COMMANDS
+from atpid_control.cli import commands
 
 #: Arguments of the example in the help.
 EXAMPLE = "bash --out out/completion.bash"
@@ -26,7 +26,7 @@ _SCENES = ("scene", "scenes")
 
 def script(shell: str) -> str:
     """Return the functions that complete `atpid`, for `shell`."""
-    parser = full_parser("atpid", COMMANDS)
+    parser = full_parser("atpid", commands())
     for action in _actions(parser):
         if action.dest in _SCENES:
             action.complete = shtab.glob("*.yaml", "*.yml")  # type: ignore[attr-defined]

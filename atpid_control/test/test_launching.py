@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.cli import COMMANDS as GROUPS
+from atpid_control.cli import commands
 from atpid_control.stand.launching.arguments import (
     LaunchArgumentError,
     arguments_of,
@@ -20,7 +20,7 @@ from atpid_control.stand.launching.arguments import (
 )
 from atpid_control.stand.launching.options import OPTIONS, namespace
 
-COMMANDS = {name: place for group in GROUPS.values() for name, (place, _) in group.items()}
+COMMANDS = {name: place for group in commands().values() for name, (place, _) in group.items()}
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -20,7 +20,7 @@ import atpid_control
 import atpid_sim
 import atpid_sim.api
 from atpid_common.cli import Commands, full_parser
-from atpid_control.cli import COMMANDS as ATPID
+from atpid_control.cli import commands as installed
 from studies.cli import COMMANDS as STUDIES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -135,7 +135,7 @@ def interface() -> str:
 
 
 PARTS = {
-    "atpid": lambda: command_list("atpid", ATPID),
+    "atpid": lambda: command_list("atpid", installed()),
     "studies": lambda: command_list("python -m studies", STUDIES),
     "messages": messages,
     "interface": interface,

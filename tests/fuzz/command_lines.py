@@ -18,7 +18,8 @@ from studies import cli as studies
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PROGRAMS = {"atpid": control, "studies": studies}
-PARSERS = {f"{program} {name}": parser for program, of in PROGRAMS.items() for name, parser in parsers_of(of.COMMANDS)}
+TABLES = {"atpid": control.commands(), "studies": studies.COMMANDS}
+PARSERS = {f"{program} {name}": parser for program, of in TABLES.items() for name, parser in parsers_of(of)}
 #: What a line may hold instead of a path: INPUTS are there, OUTPUTS are to be made.
 INPUTS, OUTPUTS = ("SCENE", "BAG", "CSV", "READINGS"), ("DIR", "NPZ", "PNG", "SERIES", "HEADER", "YAML", "MCAP")
 

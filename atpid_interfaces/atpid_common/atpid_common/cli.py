@@ -5,6 +5,8 @@
 A command is a module, or an object in one, with `add_arguments(parser)`, `run(arguments) -> status` and `EXAMPLE`, its
 arguments in one example. It is imported when the command is given: the others may need ROS, matplotlib or a compiler.
 Its errors are `AtpidError`s, reported in one line.
+
+A package of its own adds commands by an entry point of the group `atpid.commands`, whose value is a `Commands` table.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, did_you_mean, extras, one_line
@@ -29,6 +32,9 @@ if TYPE_CHECKING:
 #: What a program can do: headings of its help, and below each the commands by name, as (module or module:object, what
 #: it does). A name of two words is a command of a group, such as "bag report".
 Commands = Mapping[str, Mapping[str, tuple[str, str]]]
+
+#: The entry points by which an installed package adds its commands.
+GROUP = "atpid.commands"
 
 
 @dataclass(frozen=True)
@@ -200,6 +206,33 @@ class Parser(argparse.ArgumentParser):
 def full_parser(program: str, commands: Commands) -> Parser:
     """Return the parser with the arguments of all commands, whose modules are loaded: for completion in a shell."""
     return _parser(program, "", commands, [name.split() for group in commands.values() for name in group])
+
+
+def with_installed(commands: Commands) -> Commands:
+    """Return `commands` and those of every installed package that has an entry point of `GROUP`.
+
+    A package's command of the same name replaces none. Raises AtpidError naming a package that cannot be loaded.
+    """
+    merged = {heading: dict(group) for heading, group in commands.items()}
+    names = {name for group in commands.values() for name in group}
+    for entry in sorted(metadata.entry_points(group=GROUP), key=lambda entry: entry.name):
+        try:
+            added: Commands = entry.load()
+        except ImportError as error:
+            raise AtpidError(
+                f"the commands of {entry.name} cannot be loaded: {one_line(str(error))}; install it again"
+            ) from error
+        for heading, group in added.items():
+            new = {name: command for name, command in group.items() if name not in names}
+            merged.setdefault(heading, {}).update(new)
+            names |= new.keys()
+    return {heading: group for heading, group in merged.items() if group}
+
+
+def is_among(commands: Commands, words: Sequence[str]) -> bool:
+    """Return whether the first words are a command of the table: of one word, or of a group's name and one more."""
+    names = {name for group in commands.values() for name in group}
+    return bool({" ".join(words[:1]), " ".join(words[:2])} & names)
 
 
 def _parser(program: str, description: str, commands: Commands, given: Sequence[Sequence[str]]) -> Parser:

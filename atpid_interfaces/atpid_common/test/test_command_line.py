@@ -4,13 +4,14 @@
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import NoReturn
 
 import pytest
 
-from atpid_common.cli import Command, guarded, run_commands
-from atpid_common.errors import InputError, NumericalError
+from atpid_common.cli import GROUP, Command, Commands, guarded, is_among, run_commands, with_installed
+from atpid_common.errors import AtpidError, InputError, NumericalError
 
 COMMANDS = {
     "Measure": {"measure": ("measuring", "measure something"), "other": ("no_such_module", "do something else")},
@@ -93,3 +94,20 @@ def test_a_library_that_is_missing_is_named_with_what_to_install(
     assert printed.startswith("error: ")
     assert printed.endswith(f" '{install}'\n")
     assert printed.count("\n") == 1
+
+
+def test_an_installed_package_adds_commands_and_replaces_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own: Commands = {"Read": {"look": ("own.look", "look at it")}}
+    table = {"Read": {"look": ("others.look", "otherwise"), "count": ("others.count", "count it")}, "Draw": {}}
+    (tmp_path / "others.py").write_text(f"COMMANDS = {table!r}\n")
+    (tmp_path / "others-1.dist-info").mkdir()
+    entry = tmp_path / "others-1.dist-info" / "entry_points.txt"
+    entry.write_text(f"[{GROUP}]\nothers = others:COMMANDS\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = with_installed(own)
+    assert found["Read"] == {"look": ("own.look", "look at it"), "count": ("others.count", "count it")}
+    assert "Draw" not in found
+    assert is_among(found, ["count", "--all"])
+    entry.write_text(f"[{GROUP}]\nothers = missing:COMMANDS\n")
+    with pytest.raises(AtpidError, match="the commands of others"):
+        with_installed(own)

@@ -19,16 +19,17 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
+from atpid_campaign.first_run import command as first_run
+from atpid_campaign.first_run.steps import Expected, Step, rows_of, steps_of
 from atpid_control.cli import main as atpid
-from atpid_control.commands import bench, first_run, stand
+from atpid_control.commands import bench, stand
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
 from atpid_control.stand.errors import BenchError
-from atpid_control.stand.first_run import Expected, Step, rows_of, steps_of
 from atpid_driver.emulator import PACKAGES, missing_tools
 from atpid_sim.scene import Scene, load_scene
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 MOTOR = str(ROOT / "atpid_driver/config/motor_serial.yaml")
 

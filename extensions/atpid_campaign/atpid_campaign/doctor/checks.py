@@ -6,7 +6,7 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from atpid_control.stand.doctor.findings import Finding, Verdict
+from atpid_campaign.doctor.findings import Finding, Verdict
 
 #: By name: where a check is, as "module:function" of this package, and what mends it where its error has no remedy.
 #: A function takes the Subject and yields what it finds. Each is imported when its turn comes: a package that is

@@ -14,14 +14,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from atpid_campaign.campaign.folder import CampaignFolder
+from atpid_campaign.campaign.plan import Campaign, Point, campaign_in, points_of, read_campaign
+from atpid_campaign.campaign.run import Done, pause_by_signal, run_campaign, summary
+from atpid_campaign.campaign.stands import SimulatedStand, Stand
 from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Command
 from atpid_common.waiting import to_stderr
-from atpid_control.campaign.folder import CampaignFolder
-from atpid_control.campaign.plan import Campaign, Point, campaign_in, points_of, read_campaign
-from atpid_control.campaign.run import Done, pause_by_signal, run_campaign, summary
-from atpid_control.campaign.stands import SimulatedStand, Stand
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.processes import stoppable
 from atpid_sim.display import counting, working
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure what is missing; return 0. Raises AtpidError, KeyboardInterrupt with how far it has come."""
     campaign, scene = read_campaign(args.campaign)
-    from atpid_control.campaign.page import write_page  # it loads slowly: a file that cannot be is refused before
+    from atpid_campaign.campaign.page import write_page  # it loads slowly: a file that cannot be is refused before
 
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 def _open(campaign: Campaign, scene: Scene, folder: Path, point: Point) -> Stand:
     if campaign.stand == "simulated":
         return SimulatedStand(campaign, scene)
-    from atpid_control.campaign.graph import GraphStand
+    from atpid_campaign.campaign.graph import GraphStand
 
     return GraphStand(campaign, scene, point, folder)
 
@@ -92,8 +92,8 @@ def _model_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _model(args: argparse.Namespace) -> int:
     """Find the model, compare it with every point, print both; return 0. Raises AtpidError."""
-    from atpid_control.campaign.model import model_of, written  # here, since they load slowly
-    from atpid_control.campaign.page import AGREE, agreeing, compared
+    from atpid_campaign.campaign.model import model_of, written  # here, since they load slowly
+    from atpid_campaign.campaign.page import AGREE, agreeing, compared
 
     folder, out = CampaignFolder(args.folder.resolve()), output.folder(args.out)
     campaign, scene = campaign_in(folder.plan(), folder.path)

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from atpid_campaign.doctor.findings import Finding, NotCheckedError, Subject, judged
 from atpid_common.claim import claimed
 from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, PROFILE, named_domain
-from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.stand.domain import HIGHEST, is_quiet
 
 #: Modules that the stand imports from other distributions, beside the vendors' (`devices`); the lock has others.

@@ -22,15 +22,15 @@ from documented import ROOT
 from graph_runs import wait_until, without_domain
 from page_visit import visited
 
+from atpid_campaign.campaign.folder import CampaignFolder, Record
+from atpid_campaign.campaign.judge import Judge, is_random
+from atpid_campaign.campaign.model import StandModel, by_steady_tone, model_of
+from atpid_campaign.campaign.plan import Campaign, Point, Rules, points_of, read_campaign
+from atpid_campaign.campaign.run import Done, run_campaign
+from atpid_campaign.campaign.stands import SimulatedStand, Stand
 from atpid_common.testing import PATIENCE
 from atpid_common.vocabulary import Quality, Severity
 from atpid_control.analysis.signals import Signals
-from atpid_control.campaign.folder import CampaignFolder, Record
-from atpid_control.campaign.judge import Judge, is_random
-from atpid_control.campaign.model import StandModel, by_steady_tone, model_of
-from atpid_control.campaign.plan import Campaign, Point, Rules, points_of, read_campaign
-from atpid_control.campaign.run import Done, run_campaign
-from atpid_control.campaign.stands import SimulatedStand, Stand
 from atpid_control.cli import main
 from atpid_control.identification import Estimate
 from atpid_control.runs.run import open_run
@@ -254,7 +254,7 @@ def calibrated(campaign: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> St
         found.append(model_of(*given))
         return found[0]
 
-    monkeypatch.setattr("atpid_control.campaign.model.model_of", kept)
+    monkeypatch.setattr("atpid_campaign.campaign.model.model_of", kept)
     assert main(["calibrate", "campaign", str(campaign), "--out", str(out)]) == 0
     written = load_scene(out / "model.yaml")
     assert written.beam.stiffness == pytest.approx(found[0].beam.stiffness, rel=1e-9)

@@ -14,10 +14,10 @@ from typing import Any
 
 from plotly.offline import get_plotlyjs
 
+from atpid_campaign.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
+from atpid_campaign.campaign.plan import Campaign
+from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
-from atpid_control.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
-from atpid_control.campaign.plan import Campaign
-from atpid_control.campaign.result import simulated
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.make import PAGE, report
 from atpid_control.views.static_page import Link, document, facts, table, warnings

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from atpid_campaign.campaign.judge import Judge
+from atpid_campaign.campaign.plan import Campaign, Point, from_rest
 from atpid_common.vocabulary import Mode
-from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, Point, from_rest
 from atpid_control.identification import Estimate
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain

@@ -12,12 +12,12 @@ from itertools import pairwise
 from types import FrameType
 from typing import NamedTuple
 
+from atpid_campaign.campaign.folder import BAD, MEASURED, SKIPPED, CampaignFolder, Record
+from atpid_campaign.campaign.judge import Judge
+from atpid_campaign.campaign.plan import Campaign, CampaignError, Point, points_of
+from atpid_campaign.campaign.result import measured
+from atpid_campaign.campaign.stands import Stand
 from atpid_common.waiting import to_stderr
-from atpid_control.campaign.folder import BAD, MEASURED, SKIPPED, CampaignFolder, Record
-from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, CampaignError, Point, points_of
-from atpid_control.campaign.result import measured
-from atpid_control.campaign.stands import Stand
 from atpid_control.runs.errors import BagError
 from atpid_control.stand.errors import PlantFailedError
 from atpid_sim.scene import Scene

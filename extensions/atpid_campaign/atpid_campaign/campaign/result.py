@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, Point, from_rest
+from atpid_campaign.campaign.judge import Judge
+from atpid_campaign.campaign.plan import Campaign, Point, from_rest
 from atpid_control.runs.run import open_run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import steady_state

@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from atpid_campaign.campaign.judge import Judge
+from atpid_campaign.campaign.plan import Campaign, Point
+from atpid_campaign.campaign.stands import Feed, Stand
 from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
-from atpid_control.campaign.judge import Judge
-from atpid_control.campaign.plan import Campaign, Point
-from atpid_control.campaign.stands import Feed, Stand
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated

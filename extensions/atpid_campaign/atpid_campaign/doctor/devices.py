@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from atpid_control.stand.doctor.findings import Finding, NotCheckedError, Subject, judged
-from atpid_control.stand.doctor.software import running
+from atpid_campaign.doctor.findings import Finding, NotCheckedError, Subject, judged
+from atpid_campaign.doctor.software import running
 from atpid_control.stand.errors import BenchError
 from atpid_control.supervision.loop_check import Ceiling, disagreements
 from atpid_driver.acquisition.registry import create

@@ -17,10 +17,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from atpid_campaign.campaign.plan import CampaignError
 from atpid_common.files import check, read_text
 from atpid_common.output import finite, folder, writing
 from atpid_common.waiting import to_stderr
-from atpid_control.campaign.plan import CampaignError
 from atpid_control.stand.outdir import claimed
 
 RECORD, PLAN, DIGESTS = "point.json", "campaign.json", "digests.json"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from atpid_campaign.first_run.steps import Expected, Row, Step, rows_of, steps_of
 from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Parser
@@ -20,7 +21,6 @@ from atpid_control.analysis.signals import signals_of
 from atpid_control.commands import bench, stand
 from atpid_control.commands.results import Shown, claim, give, two_columns
 from atpid_control.runs.run import Run, open_run
-from atpid_control.stand.first_run import Expected, Row, Step, rows_of, steps_of
 from atpid_control.stand.launching.options import add_devices, add_parameters
 from atpid_control.stand.parameters import read_parameters, write_parameters
 from atpid_control.stand.parts import NAMES, devices_of

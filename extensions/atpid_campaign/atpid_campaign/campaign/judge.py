@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from atpid_campaign.campaign.plan import Rules
 from atpid_common.vocabulary import EventKind, Quality, Severity
-from atpid_control.campaign.plan import Rules
 from atpid_control.identification import Estimate
 from atpid_sim.system import Array
 

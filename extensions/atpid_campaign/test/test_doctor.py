@@ -22,21 +22,21 @@ from unittest.mock import patch
 import pytest
 import yaml
 
+from atpid_campaign.doctor import devices
+from atpid_campaign.doctor.checks import CHECKS, block, verdict_of
+from atpid_campaign.doctor.command import add_arguments
+from atpid_campaign.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_common.claim import claimed
 from atpid_common.cli import Parser
 from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_control.cli import main
-from atpid_control.commands.doctor import add_arguments
-from atpid_control.stand.doctor import devices
-from atpid_control.stand.doctor.checks import CHECKS, block, verdict_of
-from atpid_control.stand.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.control import SERIAL
 from atpid_driver.standins.outputs import Outputs
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 TODAY = datetime.date.today()
 WRONG, DEGRADED = Verdict.WOULD_FAIL, Verdict.DEGRADED

@@ -5,9 +5,9 @@
 import argparse
 import json
 
+from atpid_campaign.doctor.checks import CHECKS, block, verdict_of
+from atpid_campaign.doctor.findings import Subject, examine
 from atpid_common.arguments import file_path, real, word
-from atpid_control.stand.doctor.checks import CHECKS, block, verdict_of
-from atpid_control.stand.doctor.findings import Subject, examine
 from atpid_control.stand.launching.options import add_devices, add_parameters
 
 #: Arguments of the example in the help.
