@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from atpid_control.design.problem import Deviation, Problem, grain_radius
+from atpid_design.problem import Deviation, Problem, grain_radius
 from atpid_sim.kernel import kernel
 from atpid_sim.system import Array
 

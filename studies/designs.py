@@ -17,10 +17,10 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import path_to, whole
-from atpid_control.design.check import height_at, interval_at
-from atpid_control.design.make import promised
-from atpid_control.design.problem import NOMINAL, Deviation, Problem, case, deviation, problem_of
-from atpid_control.design.worst_case import Point, response_of
+from atpid_design.check import height_at, interval_at
+from atpid_design.make import promised
+from atpid_design.problem import NOMINAL, Deviation, Problem, case, deviation, problem_of
+from atpid_design.worst_case import Point, response_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.system import Array

@@ -138,7 +138,7 @@ def test_each_unit_is_si_and_that_of_the_code(quantity: str, unit: str, code: st
 
 
 def test_the_numbers_of_the_example_are_those_of_the_design() -> None:
-    """`tests/test_design_page.py` computes them again."""
+    """`extensions/atpid_design/test/test_design_page.py` computes them again."""
     table = (ROOT / "docs/what_it_is.md").read_text().partition("| answer | |\n|---|---|\n")[2]
     rows = table.partition("\n\n")[0].splitlines()
     assert len(rows) > 2

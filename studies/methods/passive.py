@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
+from atpid_design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.robust import restitution
 from atpid_sim.scene import Scene

@@ -1,10 +1,10 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The exact optimum of a tuned mass on an undamped beam, which `atpid_control.design.tuned_mass` is checked by."""
+"""The exact optimum of a tuned mass on an undamped beam, which `atpid_design.tuned_mass` is checked by."""
 
 import math
 
-from atpid_control.design.tuned_mass import Tuning
+from atpid_design.tuned_mass import Tuning
 
 
 def exact_undamped(mass_ratio: float) -> tuple[Tuning, float]:

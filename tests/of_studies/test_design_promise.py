@@ -17,12 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from atpid_control.design.check import height_at, interval_at
-from atpid_control.design.forces import forces
-from atpid_control.design.limits import warnings_of
-from atpid_control.design.make import promised
-from atpid_control.design.motor import motor
-from atpid_control.design.problem import (
+from atpid_design.check import height_at, interval_at
+from atpid_design.forces import forces
+from atpid_design.limits import warnings_of
+from atpid_design.make import promised
+from atpid_design.motor import motor
+from atpid_design.problem import (
     NOMINAL,
     Deviation,
     Problem,
@@ -32,8 +32,8 @@ from atpid_control.design.problem import (
     problem_of,
     time_constant,
 )
-from atpid_control.design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
-from atpid_control.design.worst_case import Point, response_of
+from atpid_design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
+from atpid_design.worst_case import Point, response_of
 from atpid_sim.kernel_inputs import contact_of, restitution_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import corners

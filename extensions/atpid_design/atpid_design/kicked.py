@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often the motion of a design comes back after structure and grain are kicked (`atpid_sim.periodic.basin`)."""
 
-from atpid_control.design.make import Design
-from atpid_control.design.problem import scene_of
+from atpid_design.make import Design
+from atpid_design.problem import scene_of
 from atpid_sim.periodic.basin import Starts, basin
 
 #: A kick [m/s].

@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from atpid_control.design import motor
-from atpid_control.design.beside_tuned_mass import MassRow
-from atpid_control.design.make import Design
-from atpid_control.design.picture import panels
-from atpid_control.design.problem import STANDARD_GRAVITY, Problem, Uncertainty
-from atpid_control.design.sketch import sketch
-from atpid_control.design.worst_case import Interval, Point
 from atpid_control.views.report.stages import per_cent
 from atpid_control.views.static_page import Cell, document, drawn, facts, table, warnings
+from atpid_design import motor
+from atpid_design.beside_tuned_mass import MassRow
+from atpid_design.make import Design
+from atpid_design.picture import panels
+from atpid_design.problem import STANDARD_GRAVITY, Problem, Uncertainty
+from atpid_design.sketch import sketch
+from atpid_design.worst_case import Interval, Point
 
 _CSS = """
 h1 { max-width: 32em; } .tiles { grid-template-columns: repeat(auto-fit, minmax(280px, 1fr)); }

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from atpid_common.output import finite
-from atpid_control.design import grain_choice
-from atpid_control.design.beside_tuned_mass import Comparison, compare
-from atpid_control.design.check import Check, drawn, widened
-from atpid_control.design.grain_choice import Candidate
-from atpid_control.design.limits import warnings_of
-from atpid_control.design.motor import Motor, motor
-from atpid_control.design.problem import Problem, modes_of, resonance
-from atpid_control.design.worst_case import Interval, Point, Structures, point, response_of
+from atpid_design import grain_choice
+from atpid_design.beside_tuned_mass import Comparison, compare
+from atpid_design.check import Check, drawn, widened
+from atpid_design.grain_choice import Candidate
+from atpid_design.limits import warnings_of
+from atpid_design.motor import Motor, motor
+from atpid_design.problem import Problem, modes_of, resonance
+from atpid_design.worst_case import Interval, Point, Structures, point, response_of
 from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores

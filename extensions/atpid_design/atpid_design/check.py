@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.design.problem import Problem, cases, drawn_frequencies
-from atpid_control.design.worst_case import Interval, Point, response_of
+from atpid_design.problem import Problem, cases, drawn_frequencies
+from atpid_design.worst_case import Interval, Point, response_of
 from atpid_sim.maps import ALL_APPROACHES
 from atpid_sim.maps.approaches import at_once
 from atpid_sim.maps.curves import monotone

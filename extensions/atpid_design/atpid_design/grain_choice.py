@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from atpid_control.design.forces import forces
-from atpid_control.design.problem import Problem, grain_mass, grain_radius
-from atpid_control.design.today import bare_range
-from atpid_control.design.worst_case import Interval, Structures, rated_heights, worst_ratings
+from atpid_design.forces import forces
+from atpid_design.problem import Problem, grain_mass, grain_radius
+from atpid_design.today import bare_range
+from atpid_design.worst_case import Interval, Structures, rated_heights, worst_ratings
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.robust import Response, lowest_best
 

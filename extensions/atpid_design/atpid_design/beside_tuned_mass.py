@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_control.design.check import height_at
-from atpid_control.design.problem import NOMINAL, Case, Deviation, Problem, case, grain_mass, modes_of
-from atpid_control.design.tuned_mass import ANY_FREQUENCY, TunedBeam, Tuning, optimised, over
-from atpid_control.design.worst_case import Point, response_of
+from atpid_design.check import height_at
+from atpid_design.problem import NOMINAL, Case, Deviation, Problem, case, grain_mass, modes_of
+from atpid_design.tuned_mass import ANY_FREQUENCY, TunedBeam, Tuning, optimised, over
+from atpid_design.worst_case import Point, response_of
 from atpid_sim.modal import ModeSet
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.design.problem import Case
+from atpid_design.problem import Case
 from atpid_sim.engine import columns
 from atpid_sim.maps.approaches import at_once
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series

@@ -14,13 +14,13 @@ from commands_run import answered, printed, refusal
 from scipy.linalg import eigh
 
 from atpid_control.cli import main
-from atpid_control.design import make
-from atpid_control.design import problem as parts
-from atpid_control.design.make import promised
-from atpid_control.design.problem import Problem, case, deviation, problem_of, scene_of
-from atpid_control.design.structure_file import structure_in
-from atpid_control.design.today import bare_range
-from atpid_control.design.tuned_mass import TunedBeam, Tuning, over
+from atpid_design import make
+from atpid_design import problem as parts
+from atpid_design.make import promised
+from atpid_design.problem import Problem, case, deviation, problem_of, scene_of
+from atpid_design.structure_file import structure_in
+from atpid_design.today import bare_range
+from atpid_design.tuned_mass import TunedBeam, Tuning, over
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import corners, inside
 

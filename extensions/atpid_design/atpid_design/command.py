@@ -14,8 +14,8 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
-from atpid_control.design.make import Design, design, steps_of
-from atpid_control.design.problem import RISING, DesignError, Problem, Uncertainty, problem_of
+from atpid_design.make import Design, design, steps_of
+from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of
 from atpid_sim.display import counting
 
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     with counting("design", steps_of(problem)) as count:
         made = design(problem, count)
     # here, so that bad input is refused before the drawing libraries are loaded
-    from atpid_control.design.files import write
+    from atpid_design.files import write
 
     written = write(made, args.out)
     console = Console(width=max(Console().width, 120), highlight=False)
@@ -89,7 +89,7 @@ def _given(args: argparse.Namespace) -> dict[str, Any]:
     if own or args.drive:
         named = " ".join([*own, *(["--drive"] if args.drive else [])])
         raise DesignError(f"--structure: given beside {named}; allowed: the file alone, or the options")
-    from atpid_control.design.structure_file import structure_in
+    from atpid_design.structure_file import structure_in
 
     return structure_in(args.structure) | given
 
@@ -119,8 +119,8 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 
 def _summary(made: Design) -> Table:
-    from atpid_control.design.kicked import comes_back
-    from atpid_control.design.page import headline, mass, structure, tone, verdict
+    from atpid_design.kicked import comes_back
+    from atpid_design.page import headline, mass, structure, tone, verdict
 
     drive, (low, high) = made.motor, made.heights
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
@@ -146,7 +146,7 @@ def _summary(made: Design) -> Table:
 
 
 def _over_amplitudes(made: Design) -> Table:
-    from atpid_control.design.page import acceleration, span
+    from atpid_design.page import acceleration, span
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     scale, unit = made.problem.unit

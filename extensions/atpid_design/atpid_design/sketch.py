@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A dimensioned sketch of the container as SVG: floor, grain, ceiling closed and at its least and largest height."""
 
-from atpid_control.design.make import Design
+from atpid_design.make import Design
 
 #: Width of the drawing and of the part that is to scale, room above and below.
 _WIDE, _TALL, _MARGIN = 520.0, 220.0, 34.0

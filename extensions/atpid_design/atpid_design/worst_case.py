@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_control.design.forces import forces
-from atpid_control.design.problem import Case, Problem, case, cases, drawn_frequencies
-from atpid_control.design.today import bare_range
+from atpid_design.forces import forces
+from atpid_design.problem import Case, Problem, case, cases, drawn_frequencies
+from atpid_design.today import bare_range
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
 from atpid_sim.maps.approaches import at_once, opened
 from atpid_sim.maps.best import Best

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, ValidationError
 
 from atpid_common.files import FileError, read_text
-from atpid_control.design.problem import DesignError
+from atpid_design.problem import DesignError
 from atpid_sim.fields import SceneBlock
 from atpid_sim.scene.explain import explained
 from atpid_sim.scene.structure import Beam, FurtherMode

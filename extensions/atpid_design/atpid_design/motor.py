@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.design.problem import POISSON, Problem, grain_radius, time_constant
-from atpid_control.design.worst_case import Point
+from atpid_design.problem import POISSON, Problem, grain_radius, time_constant
+from atpid_design.worst_case import Point
 
 #: Ceiling velocity over the closing speed of impacts, above which a travel changes the impacts themselves [-].
 FAST = 0.2

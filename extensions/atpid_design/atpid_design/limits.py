@@ -5,10 +5,10 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from atpid_control.design.check import Check
-from atpid_control.design.motor import FAST, YIELD_BEGINS, Motor
-from atpid_control.design.problem import STANDARD_GRAVITY, Problem, scene_of
-from atpid_control.design.worst_case import Point
+from atpid_design.check import Check
+from atpid_design.motor import FAST, YIELD_BEGINS, Motor
+from atpid_design.problem import STANDARD_GRAVITY, Problem, scene_of
+from atpid_design.worst_case import Point
 from atpid_sim.contact.materials import mismatch
 from atpid_sim.scene.plausibility import FRICTION_LIMIT, SLOPE_LIMIT, friction_number
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.vocabulary import DRIVES
-from atpid_control.design.make import Design
-from atpid_control.design.page import page
-from atpid_control.design.picture import panels
-from atpid_control.design.problem import RTOL, Problem, mapping_of, time_constant
+from atpid_design.make import Design
+from atpid_design.page import page
+from atpid_design.picture import panels
+from atpid_design.problem import RTOL, Problem, mapping_of, time_constant
 from atpid_sim.figure_numbers import save_panels
 from atpid_sim.maps import HeightMap
 from atpid_sim.maps.identity import identity_of

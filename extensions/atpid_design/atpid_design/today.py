@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from atpid_control.design.problem import Problem, Uncertainty, deviation, drawn_frequencies, modes_of, resonance
+from atpid_design.problem import Problem, Uncertainty, deviation, drawn_frequencies, modes_of, resonance
 from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.robust import inside
 
