@@ -6,7 +6,7 @@ import array
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from node_stand import NodeStand
 from rclpy.action import ActionClient
+from test_controller_computing import settings
 
 from atpid_common.nodes.messages import BLOCKS, time_of
 from atpid_common.testing import PATIENCE
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
-from atpid_control.loop.search_run import SearchingController, SearchRun
+from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.protocol import HeightCommand
+from atpid_control.loop.search_run import SearchRun
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.selection.protocol import Excitation
+from atpid_control.selection.protocol import Excitation, Selection
 from atpid_control.selection.search import Plan, SearchError, SearchSelector, StepSearch
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
@@ -84,30 +86,32 @@ def test_with_the_thesis_s_own_steps_it_finds_the_thesis_s_height() -> None:
 
 
 @dataclass
-class Inner:
-    """A controller that has selected a height."""
+class Proportional:
+    """A method that selects ten times the amplitude."""
 
-    command: HeightCommand = field(default_factory=lambda: HeightCommand(sequence=4, height=0.3, method="lookup"))
-    heard: list[str] = field(default_factory=list)
+    method: str = "lookup"
+    simulates: bool = False
 
-    def configure(self, settings: ControlSettings) -> None:
-        raise AssertionError(settings)
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        return Selection(10.0 * excitation.amplitude, math.nan, math.nan, self.method)
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
-        return LoopAnswer(self.command)
 
-    def on_event(self, kind: str) -> None:
-        self.heard.append(kind)
+def controller(limits: tuple[float, float]) -> SelectingController:
+    """Return one that has selected a height, 0.3 m."""
+    made = SelectingController(settings(), Proportional(), limits)
+    for _ in range(10):
+        made.answer(0.0, STEADY, 0.3)
+    return made
 
 
 class Loop:
     """The bench in small: a ceiling of constant speed, and a beam whose amplitude is least at 0.52 m."""
 
     def __init__(self, limits: tuple[float, float] = (0.017, 1.0)) -> None:
-        self.inner = Inner()
-        self.controller = SearchingController(self.inner, limits)
-        self.show: Callable[[float, Array], None] = self.controller.watch
-        self.height, self.time = 0.3, 0.0
+        self.controller = controller(limits)
+        self.search = self.controller.search
+        self.show: Callable[[float, Array], None] = self.search.watch
+        self.height, self.time, self.excitation = 0.3, 0.0, 0.03
         self.amplitude: Callable[[float], float] = lambda height: abs(height - 0.52) + 0.1
         self.commands: list[HeightCommand] = []
 
@@ -116,8 +120,10 @@ class Loop:
         self.time += 0.05
         phase = 2.0 * math.pi * 5.5 * (self.time + np.arange(-50, 0) * 1e-3)
         self.show(self.time, self.amplitude(self.height) * np.sin(phase))
-        command = self.controller.answer(self.time, STEADY, self.height).command
-        self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
+        estimate = replace(STEADY, amplitude=self.excitation)
+        command = self.controller.answer(self.time, estimate, self.height).command
+        if math.isfinite(command.height):  # else another method was chosen, and has selected none
+            self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
         self.commands.append(command)
         return command
 
@@ -126,7 +132,7 @@ class Loop:
 
     def searched(self) -> SearchRun:
         """Return a search when it has ended."""
-        run = self.controller.begin(PLAN)
+        run = self.search.begin(PLAN)
         while not run.done:
             self.turn()
             assert self.time < 600.0, "the search does not end"
@@ -139,7 +145,7 @@ def loop() -> Loop:
 
 
 def test_it_finds_the_height_and_keeps_it_with_rising_sequence_numbers(loop: Loop) -> None:
-    assert loop.turn() == loop.inner.command
+    assert loop.turn().height == pytest.approx(0.3)
     run = loop.searched()
     assert run.success
     assert run.search.best_height == pytest.approx(0.5)
@@ -151,14 +157,16 @@ def test_it_finds_the_height_and_keeps_it_with_rising_sequence_numbers(loop: Loo
 
 
 def test_a_changed_excitation_ends_it(loop: Loop) -> None:
-    run = loop.controller.begin(PLAN)
+    run = loop.search.begin(PLAN)
     loop.turns(60)
-    loop.inner.command = replace(loop.inner.command, sequence=5, height=0.7)
-    command = loop.turn()
+    loop.excitation = 0.07
+    before = loop.commands[-1]
+    assert before.method == "search"
+    command = loop.turns(60)[-1]
     assert (run.done, run.success) == (True, False)
     assert "excitation" in run.message
-    assert command.height == 0.7
-    assert command.sequence > loop.commands[-2].sequence
+    assert command.height == pytest.approx(0.7)
+    assert command.sequence > before.sequence
 
 
 def test_a_beam_that_is_not_seen_or_a_ceiling_that_does_not_come_ends_it(loop: Loop) -> None:
@@ -172,12 +180,11 @@ def test_a_beam_that_is_not_seen_or_a_ceiling_that_does_not_come_ends_it(loop: L
 
 
 def test_rumble_met_while_searching_is_not_passed_on(loop: Loop) -> None:
-    run = loop.controller.begin(PLAN)
-    loop.controller.on_event("rumble")
-    assert loop.inner.heard == []
+    run = loop.search.begin(PLAN)
+    assert loop.search.crosses("rumble")
+    assert not loop.search.crosses("calm")
     run.stop("cancelled")
-    loop.controller.on_event("rumble")
-    assert loop.inner.heard == ["rumble"]
+    assert not loop.search.crosses("rumble")
 
 
 @pytest.mark.parametrize(("start", "step", "dwell"), [(0.017, 0.02, 2.0), (0.57, 0.05, 1.0), (0.57, 0.02, 2.0)])
@@ -185,32 +192,33 @@ def test_on_the_plant_it_finds_the_best_height_from_anywhere(start: float, step:
     # from 0.57 m down to 0.3 m the beam grows for seconds: measured too early, the first height looks better
     plant = Plant(STANDARD.with_(amplitude=0.03, height=start, duration=200.0))
     plant.advance(8000, 1000.0, start, 0.0)
-    controller = SearchingController(Inner(), (0.017, 1.0))
-    run = controller.begin(Plan(step, dwell, 0.3, 0.7))
+    steering = controller((0.017, 1.0))
+    run = steering.search.begin(Plan(step, dwell, 0.3, 0.7))
     target, time = math.nan, 8.0
     while not run.done:
         block = plant.advance(50, 1000.0, target if math.isfinite(target) else plant.height, 0.3)
         time += 0.05
         assert time < 400.0, "the search does not end"
-        controller.watch(time, block.beam)
-        target = controller.answer(time, STEADY, plant.height).command.height
+        steering.search.watch(time, block.beam)
+        target = steering.answer(time, STEADY, plant.height).command.height
     assert run.success
     assert 0.54 <= target <= 0.60
     assert run.search.best_amplitude < 0.135
 
 
-def test_another_controller_goes_on_with_the_numbers_and_ends_a_search() -> None:
+def test_another_method_goes_on_with_the_numbers_and_ends_a_search() -> None:
     loop = Loop((0.1, 2.0))
     loop.turn()
-    run = loop.controller.begin(PLAN)
+    run = loop.search.begin(PLAN)
     searched = loop.turns(2)[-1]
-    loop.controller.select_by(Inner(HeightCommand(sequence=0, method="pca", reason="no estimate yet")))
+    loop.controller.select_by(settings(), Proportional("pca"))
     assert (run.done, run.success) == (True, False)
     before = loop.controller.answer(loop.time, STEADY, loop.height).command
     assert (before.method, math.isnan(before.height)) == ("pca", True)  # the ceiling stays until it has selected
     assert before.sequence >= searched.sequence
-    loop.controller.select_by(Inner(HeightCommand(sequence=1, height=0.5, method="direct")))
-    assert loop.turn().sequence > before.sequence
+    selected = loop.turns(10)[-1]
+    assert (selected.method, selected.height) == ("pca", pytest.approx(0.3))
+    assert selected.sequence > before.sequence
 
 
 # the action
@@ -225,20 +233,20 @@ class Stand(NodeStand):
     def __init__(self) -> None:
         super().__init__("selector_node", "client")
         self.loop, self.seen = Loop(), 0.0
-        self.server = SearchServer(self.nodes[0], self.loop.controller, lambda: START)
+        self.server = SearchServer(self.nodes[0], self.loop.search, lambda: START)
         self.actions = ActionClient(self.nodes[1], SearchHeight, "selector_node/search")
         self.blocks = self.nodes[1].create_publisher(SampleBlock, "sensors/laser", BLOCKS)
-        self.loop.show, watch = self.show, self.loop.controller.watch
+        self.loop.show, watch = self.show, self.loop.search.watch
 
         def watched(time: float, beam: Array) -> None:
             self.seen = time
             watch(time, beam)
 
-        self.loop.controller.watch = watched  # type: ignore[method-assign]
+        self.loop.search.watch = watched  # type: ignore[method-assign]
 
     def show(self, time: float, beam: Array) -> None:
         """Publish a block to a running search and wait until it has been seen."""
-        if self.loop.controller.run is None or self.loop.controller.run.done:
+        if self.loop.search.run is None or self.loop.search.run.done:
             return
         message = SampleBlock(rate=1000.0, channels=["support_displacement", "beam_displacement"])
         message.header.stamp = time_of(START + round((time - 0.05) * 1e9))

@@ -5,7 +5,7 @@
 import argparse
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,16 @@ from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.selection.checks import range_warnings
-from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
-from atpid_control.selection.registry import at_any_frequency, make_selector, methods
+from atpid_control.selection.protocol import (
+    TAKES,
+    Excitation,
+    HeightSelector,
+    Options,
+    Selection,
+    SelectionError,
+    box_in_words,
+)
+from atpid_control.selection.registry import make_selector, methods
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import steady_amplitude
@@ -23,6 +31,13 @@ from atpid_sim.simulation.quantities import efficiency, worse_than_without
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
+_USUAL = Options()
+#: The options by name of the argument.
+_OPTIONS = {
+    "stiffness_uncertainty": "--stiffness-uncertainty",
+    "deadline": "--deadline",
+    "gravity": "--without-gravity",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,9 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="standard deviations to be safe for; default 0",
     )
     add(
-        "--deadline", type=positive("s"), default=None, metavar="S",
-        help="direct only: time for a margin [s]; default none",
-    )  # fmt: skip
+        "--stiffness-uncertainty",
+        type=real(0.0, 0.5),
+        metavar="U",
+        help=f"direct only: relative error of the model's stiffness; default {_USUAL.stiffness_uncertainty}",
+    )
+    add("--deadline", type=positive("s"), metavar="S", help="direct only: time for a margin [s]; default none")
     add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
@@ -82,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
     """Select by root mean square and print; return 0. Raises SelectionError."""
-    given = [f"--{name.replace('_', '-')}" for name in ("margin", "amplitude_std", "deadline") if getattr(args, name)]
+    names = ("margin", "amplitude_std", "deadline", "stiffness_uncertainty")
+    given = [f"--{name.replace('_', '-')}" for name in names if getattr(args, name)]
     if args.method != "direct" or given:
         raise SelectionError(
             f"excitation: given a {scene.excitation.kind} one with {', '.join([f'method {args.method}', *given])}; "
@@ -111,19 +130,17 @@ def to_json(chosen: Selection) -> dict[str, Any]:
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
-    if args.deadline is not None:
-        if args.method != "direct":
-            raise SelectionError(f"--deadline: given with method {args.method}; allowed with direct")
-        from atpid_control.selection.direct import DirectSelector
-
-        return at_any_frequency(DirectSelector(scene, deadline=args.deadline), scene)
-    if args.without_gravity:
-        if args.method != "pca":
-            raise SelectionError(f"--without-gravity: given with method {args.method}; allowed with pca")
-        from atpid_control.selection.pca import PcaSelector
-
-        return at_any_frequency(PcaSelector(scene, gravity=False), scene.with_(gravity=0.0))
-    return make_selector(args.method, scene, _map(args, scene))
+    values = {
+        "stiffness_uncertainty": args.stiffness_uncertainty,
+        "deadline": args.deadline,
+        "gravity": False if args.without_gravity else None,
+    }
+    given = {name: value for name, value in values.items() if value is not None}
+    for name in given:
+        if name not in TAKES.get(args.method, ()):
+            taking = ", ".join(method for method, taken in TAKES.items() if name in taken)
+            raise SelectionError(f"{_OPTIONS[name]}: given with method {args.method}; allowed with {taking}")
+    return make_selector(args.method, scene, _map(args, scene), replace(_USUAL, **given))
 
 
 def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
@@ -159,6 +176,8 @@ def _show(
         "simulations": str(chosen.evaluations),
         "time": f"{1e3 * chosen.wall_s:.1f} ms",
     }
+    if chosen.box:
+        rows["the margin is for"] = box_in_words(chosen.box)
     for name, text in rows.items():
         table.add_row(name, "unknown" if text.startswith("nan") else text)
     console = Console()

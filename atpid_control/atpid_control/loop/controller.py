@@ -1,10 +1,11 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""From each estimate to one command: hold, selection, the ceiling's range, refusals reported once, the step back."""
+"""The role of a controller, and the one that selects: hold, selection, range, refusals, step back, search."""
 
 import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
 from atpid_control.loop.fallback import Fallback
 from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, HoldDecision
 from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
+from atpid_control.loop.search_run import SearchMode
 from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
 
@@ -32,11 +34,34 @@ class _Computation:
     begun: int  # estimates before it
 
 
+class Controller(Protocol):
+    """Answers each estimate with a command."""
+
+    @property
+    def search(self) -> SearchMode | None:
+        """Its step search on the running structure; None: it has none."""
+
+    def select_by(
+        self, settings: ControlSettings, selector: HeightSelector, fallback: HeightSelector | None = None
+    ) -> None:
+        """Select by another method from the next estimate on."""
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
+        """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
+
+    def on_event(self, kind: str) -> None:
+        """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
+
+    def configure(self, settings: ControlSettings) -> None:
+        """Control by other settings from the next estimate on."""
+
+
 class SelectingController:
     """Selects a height by the verdict of the hold; otherwise repeats the last command, as a heartbeat.
 
     While a height is being computed the last command is repeated too. A result that comes when the excitation has
-    changed is dropped, and the height selected anew.
+    changed is dropped, and the height selected anew. `search` is its other mode: a step search on the structure, which
+    commands the ceiling while it runs.
     """
 
     def __init__(
@@ -49,20 +74,33 @@ class SelectingController:
         executor: where heights and twin are computed, one call at a time; None: inline. fallback: looks heights up
         where the method fails or is late; None: the ceiling is held.
         """
-        executor = executor or InlineExecutor()
+        self._computing = executor or InlineExecutor()
+        self._settings, self._limits, self.search = settings, limits, SearchMode(limits)
+        self._model_check = ModelCheck(twin, DriftAlarm(settings.drift), self._computing) if twin is not None else None
+        self._estimates = 0
+        self._command = HeightCommand()
+        self.select_by(settings, selector, fallback)
+
+    def select_by(
+        self, settings: ControlSettings, selector: HeightSelector, fallback: HeightSelector | None = None
+    ) -> None:
+        """Select by this method from the next estimate on; a running search ends. See `__init__`.
+
+        The ceiling stays until a height is selected, and the commands' sequence numbers go on.
+        """
+        self.search.end("another method was chosen")
         # a height that is only looked up comes with the answer, in real time as in lockstep
-        self._executor = executor if selector.simulates else InlineExecutor()
-        self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
-        self._step_back = StepBackMonitor(settings.step_back, limits[0])
-        self._model_check = ModelCheck(twin, DriftAlarm(settings.drift), executor) if twin is not None else None
-        self._settings = settings
+        self._executor = self._computing if selector.simulates else InlineExecutor()
+        self._settings, self._selector, self._hold = settings, selector, Hold(settings.hold)
+        self._step_back = StepBackMonitor(settings.step_back, self._limits[0])
         self._fallback = Fallback(selector.method, fallback, settings.fallback_count)
         self._computation: _Computation | None = None
-        self._estimates = 0
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
-        self._command = HeightCommand(method=selector.method)
+        self._command = HeightCommand(sequence=self._command.sequence, method=selector.method)
         self._refusal = ""
         self._of_no_use = False  # whether the last selection reported that the damper is of no use
+        if self._model_check is not None:
+            self._model_check.restart()
 
     def configure(self, settings: ControlSettings) -> None:
         """See `Controller.configure`."""
@@ -76,6 +114,9 @@ class SelectingController:
 
     def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """See `Controller.answer`."""
+        return self.search.replaced(time, height, self._answer(time, estimate, height))
+
+    def _answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         self._estimates += 1
         verdict = self._hold.judge(estimate)
         standing = abs(height - self._command.height) <= _ARRIVED
@@ -100,7 +141,8 @@ class SelectingController:
 
     def on_event(self, kind: str) -> None:
         """See `Controller.on_event`."""
-        self._step_back.on_event(kind)
+        if not self.search.crosses(kind):
+            self._step_back.on_event(kind)
 
     def _computed(self, verdict: HoldDecision, estimate: Estimate, height: float) -> _Computation | None:
         """Begin a selection where the verdict asks for one; return the one that is done and still valid, if any."""
@@ -241,6 +283,13 @@ class SelectingController:
 
 class ProfileController:
     """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
+
+    search = None
+
+    def select_by(
+        self, settings: ControlSettings, selector: HeightSelector, fallback: HeightSelector | None = None
+    ) -> None:
+        """Nothing moves this ceiling but the scene."""
 
     def on_event(self, kind: str) -> None:
         """Nothing moves this ceiling but the scene."""

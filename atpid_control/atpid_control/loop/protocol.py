@@ -1,15 +1,13 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The role of a controller: from an estimate to a command for the ceiling."""
+"""What a controller of the ceiling takes and gives: its settings, and the answer to an estimate."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 from atpid_common.vocabulary import Severity
-from atpid_control.identification import Estimate
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
 from atpid_control.loop.step_back import StepBack
@@ -36,19 +34,6 @@ class LoopAnswer:
     text: str = ""
     value: float = math.nan
     severity: int = Severity.WARNING
-
-
-class Controller(Protocol):
-    """Answers each estimate with a command."""
-
-    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
-        """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
-
-    def on_event(self, kind: str) -> None:
-        """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
-
-    def configure(self, settings: ControlSettings) -> None:
-        """Control by other settings from the next estimate on."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The step search in the control loop: it commands the ceiling in place of the controller while it runs."""
+"""The step search in the control loop, a mode of the controller: it commands the ceiling while it runs."""
 
 import math
 from dataclasses import replace
@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from atpid_common.vocabulary import EventKind
-from atpid_control.identification import Estimate
-from atpid_control.loop.protocol import Controller, ControlSettings, HeightCommand, LoopAnswer
+from atpid_control.loop.protocol import HeightCommand, LoopAnswer
 from atpid_control.selection.search import Plan, SearchError, StepSearch
 from atpid_sim.system import Array
 
@@ -107,24 +106,19 @@ class SearchRun:
             self.message = f"best height {self.search.target:.4f} m after {self.search.iterations} heights"
 
 
-class SearchingController:
-    """A controller that a search may interrupt; the height it finds is kept until the excitation changes."""
+class SearchMode:
+    """What a search does to a controller's commands; the height it finds is kept until another is selected.
 
-    def __init__(self, inner: Controller, limits: tuple[float, float]) -> None:
-        """Take the controller that selects otherwise, and the ceiling's range [m]."""
-        self._inner, self._limits = inner, limits
+    `run` is the search that runs or ran last; None: none, or a height was selected since.
+    """
+
+    def __init__(self, limits: tuple[float, float]) -> None:
+        """Take the ceiling's range [m]."""
+        self._limits = limits
         self.run: SearchRun | None = None
-        self._inner_sequence = self._issued = self._last_inner = 0
-        self._target = math.nan
-        self._stopped_at = math.nan
-
-    def select_by(self, inner: Controller) -> None:
-        """Select by another controller from now on; a running search ends, and no sequence number is used twice."""
-        if self.run is not None:
-            self.run.stop("another method was chosen")
-            self.run = None
-        self._inner, self._target = inner, math.nan
-        self._issued, self._last_inner = self._issued + self._last_inner, 0
+        self._selected = 0  # sequence number of the selection that the search replaced
+        self._issued = 0  # commands of searches
+        self._target = self._stopped_at = math.nan
 
     def begin(self, plan: Plan) -> SearchRun:
         """Start a search; raise SearchError where one runs already or the plan leaves the ceiling's range."""
@@ -138,41 +132,41 @@ class SearchingController:
         self.run, self._target = SearchRun(plan), math.nan
         return self.run
 
+    def end(self, reason: str) -> None:
+        """End a search that runs, and give up the height that the last one found."""
+        if self.run is not None:
+            self.run.stop(reason)
+            self.run, self._target = None, math.nan
+
     def watch(self, time: float, beam: Array) -> None:
         """Show a running search a block of the beam (n,) [m] that ended at `time` [s]."""
         if self.run is not None and not self.run.done:
             self.run.watch(time, beam)
 
-    def on_event(self, kind: str) -> None:
-        """See `Controller.on_event`: a search crosses rumble, so while it runs that is not passed on."""
-        if kind != EventKind.RUMBLE or self.run is None or self.run.done:
-            self._inner.on_event(kind)
+    def crosses(self, kind: str) -> bool:
+        """Whether an event belongs to a running search, which crosses rumble."""
+        return kind == EventKind.RUMBLE and self.run is not None and not self.run.done
 
-    def configure(self, settings: ControlSettings) -> None:
-        """See `Controller.configure`."""
-        self._inner.configure(settings)
+    def replaced(self, time: float, height: float, answer: LoopAnswer) -> LoopAnswer:
+        """Return the answer with the search's command in place of the selection's, where there is a search.
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
-        """See `Controller.answer`."""
-        answer = self._inner.answer(time, estimate, height)
-        self._last_inner = answer.command.sequence
-        if self.run is None:
-            return self._numbered(answer)
-        if math.isnan(self._target):
-            self._inner_sequence = answer.command.sequence
-        if answer.command.sequence != self._inner_sequence:
-            self.run.stop("the excitation changed, so another height was selected")
-            self.run = None
-            return self._numbered(answer)
-        self.run.step(time, height)
-        return self._numbered(replace(answer, command=self._searching(answer.command, height)))
+        The search's commands are counted in: a sequence number is never used twice.
+        """
+        command = answer.command
+        if self.run is not None and math.isnan(self._target):
+            self._selected = command.sequence
+        if self.run is not None and command.sequence != self._selected:
+            self.end("the excitation changed, so another height was selected")
+        if self.run is not None:
+            self.run.step(time, height)
+            command = self._searching(self.run, command, height)
+        return replace(answer, command=replace(command, sequence=command.sequence + self._issued))
 
-    def _searching(self, command: HeightCommand, height: float) -> HeightCommand:
-        assert self.run is not None
-        target = self.run.search.target if not self.run.done or self.run.success else self._halt(height)
+    def _searching(self, run: SearchRun, command: HeightCommand, height: float) -> HeightCommand:
+        target = run.search.target if not run.done or run.success else self._halt(height)
         if target != self._target:
             self._target, self._issued = target, self._issued + 1
-        reason = self.run.message or f"search: height {self.run.search.iterations + 1}"
+        reason = run.message or f"search: height {run.search.iterations + 1}"
         return replace(command, height=target, predicted_amplitude=math.nan, method="search", reason=reason)
 
     def _halt(self, height: float) -> float:
@@ -180,8 +174,3 @@ class SearchingController:
         if math.isnan(self._stopped_at) or self._stopped_at != self._target:
             self._stopped_at = height
         return self._stopped_at
-
-    def _numbered(self, answer: LoopAnswer) -> LoopAnswer:
-        """Count the search's commands in: a sequence number is never used twice."""
-        sequence = answer.command.sequence + self._issued
-        return replace(answer, command=replace(answer.command, sequence=sequence))

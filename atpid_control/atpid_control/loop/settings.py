@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from atpid_control import identification
-from atpid_control.loop.controller import ProfileController, SelectingController
+from atpid_control.loop.controller import Controller, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings, SteadyTwin
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import Controller, ControlSettings
+from atpid_control.loop.protocol import ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.selection import HeightSelector, make_selector
+from atpid_control.selection import HeightSelector, Options, make_selector
 from atpid_control.selection.protocol import reach_of
-from atpid_control.selection.registry import at_any_frequency
 from atpid_sim.scene import Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
@@ -32,18 +31,9 @@ def selector_of(
 
     lockstep: the simulation waits for the answer, so a margin has no deadline, and a run is the same on any machine.
     """
-    if method != "direct":
-        return make_selector(method, scene, height_map)
-    # here, since only this method has to load the simulation
-    from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.uncertain import MarginBox
-
-    # in the loop the frequency is identified, and with it the beam's mass is known but for its stiffness
-    uncertainty = MarginBox(stiffness=float(value("stiffness_uncertainty")), mass=5e-3, frequency=5e-4)
     deadline = math.inf if lockstep else float(value("selection_deadline"))
-    made = DirectSelector(scene, uncertainty, deadline=deadline)
-    made.prepare()
-    return at_any_frequency(made, scene)
+    options = Options(stiffness_uncertainty=float(value("stiffness_uncertainty")), deadline=deadline)
+    return make_selector(method, scene, height_map, options)
 
 
 def control_settings(value: Value, frequency: float, selector: HeightSelector | None = None) -> ControlSettings:

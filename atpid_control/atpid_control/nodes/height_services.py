@@ -19,7 +19,7 @@ from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
 from atpid_control.selection import Excitation, HeightSelector, Selection
 from atpid_control.selection.checks import HeightRequest, Resonance, range_warnings, resolved
-from atpid_control.selection.protocol import reach_of
+from atpid_control.selection.protocol import box_in_words, reach_of
 from atpid_sim.scene import Scene
 
 T = TypeVar("T")
@@ -103,6 +103,7 @@ def filled(chosen: Selection, amplitude: str, response: SelectHeight.Response) -
     note = f" ({chosen.note})" if chosen.note else ""
     response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude}{note}"
     response.message += f"; {chosen.no_use}" if chosen.no_use else ""
+    response.message += f"; the margin is for {box_in_words(chosen.box)}" if chosen.box else ""
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency
     response.price, response.evaluations, response.wall_time = chosen.price, chosen.evaluations, chosen.wall_s

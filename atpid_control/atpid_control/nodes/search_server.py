@@ -16,7 +16,7 @@ from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
-from atpid_control.loop.search_run import SearchingController, SearchRun
+from atpid_control.loop.search_run import SearchMode, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 
 _BEAM = "beam_displacement"
@@ -24,17 +24,17 @@ R = TypeVar("R", SearchHeight.Result, ComputeMap.Result)
 
 
 class SearchServer:
-    """Passes goals to the searching controller and the beam to its search; `report` after each answered estimate.
+    """Passes goals to the controller's search mode and the beam to its search; `report` after each answered estimate.
 
     Every goal is accepted; one that cannot be searched is aborted, since only a result carries the reason.
     """
 
-    def __init__(self, node: Node, controller: SearchingController, start_ns: Callable[[], int | None]) -> None:
-        """Serve on a node whose controller may be interrupted.
+    def __init__(self, node: Node, search: SearchMode, start_ns: Callable[[], int | None]) -> None:
+        """Serve on a node whose controller has this search mode.
 
         start_ns: returns the stamp the controller's time counts from [ns]; None: it has answered no estimate yet.
         """
-        self._node, self._controller, self._start_ns = node, controller, start_ns
+        self._node, self._search, self._start_ns = node, search, start_ns
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
         self._reported = -1
@@ -42,7 +42,7 @@ class SearchServer:
 
     def report(self) -> None:
         """Publish feedback after each height; end the goal when the search has ended."""
-        run, goal = self._controller.run, self._goal
+        run, goal = self._search.run, self._goal
         if goal is None or self._ended is None or self._ended.done():
             return
         if run is not None and run.search.iterations != self._reported:
@@ -55,7 +55,7 @@ class SearchServer:
 
     def stop(self, reason: str) -> None:
         """End a running search without a result, also where no estimates come."""
-        run, ended = self._controller.run, self._ended
+        run, ended = self._search.run, self._ended
         if ended is None or ended.done():
             return
         if run is not None:
@@ -75,7 +75,7 @@ class SearchServer:
     async def _execute(self, goal: ServerGoalHandle) -> SearchHeight.Result:
         request = goal.request
         try:
-            run = self._controller.begin(Plan(request.step, request.dwell, request.lowest, request.highest))
+            run = self._search.begin(Plan(request.step, request.dwell, request.lowest, request.highest))
         except SearchError as error:
             return concluded(goal, _no_result(str(error)))
         self._goal, self._ended, self._reported = goal, Future(), -1
@@ -93,7 +93,7 @@ class SearchServer:
         values = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
         beam = values[:, list(block.channels).index(_BEAM)] if _BEAM in block.channels else np.array([math.nan])
         begin = nanoseconds_of(block.header.stamp) - start_ns
-        self._controller.watch(begin * 1e-9 + len(values) / block.rate, beam)
+        self._search.watch(begin * 1e-9 + len(values) / block.rate, beam)
 
 
 def _result(run: SearchRun) -> SearchHeight.Result:

@@ -37,8 +37,7 @@ from atpid_common.waiting import COMPILING, announced
 from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.protocol import Controller, ControlSettings, HeightCommand, LoopAnswer
-from atpid_control.loop.search_run import SearchingController
+from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
@@ -51,6 +50,8 @@ from atpid_sim.nodes.scene_parameter import scene_given
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
 HELD, SET = "held by the operator", "set by the operator"
+#: A method's selector, and what looks heights up in its place where it fails.
+_Made = tuple[HeightSelector, HeightSelector | None]
 ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
@@ -69,8 +70,11 @@ class SelectorNode(Node):
             InlineExecutor() if self._lockstep else threaded(name) for name in ("loop-selection", "requested-selection")
         )
         with announced(COMPILING, self.get_logger().info):
-            self._selector, self._controller = self._make_controller()
-        self._making: tuple[str, Computed[tuple[HeightSelector, Controller]]] | None = None  # of another method
+            self._selector, fallback = self._made_for(self._method)
+            self._controller = controller_of(
+                self.parameters.__getitem__, self._scene, self._selector, self._loop_executor, fallback
+            )
+        self._making: tuple[str, Computed[_Made]] | None = None  # of another method
         if not self._lockstep:
             # what lives as long as the node is not looked through again: that may take longer than a selection
             gc.collect()
@@ -91,22 +95,16 @@ class SelectorNode(Node):
         height_map = Path(given) if given else self._scene.ceiling.map
         return selector_of(self.parameters.__getitem__, method, self._scene, height_map, lockstep=self._lockstep)
 
-    def _make_controller(self) -> tuple[HeightSelector, Controller]:
-        selector, inner = self._made_for(self._method)
-        ceiling = self._scene.ceiling
-        return selector, SearchingController(inner, ceiling.range) if ceiling.controlled else inner
-
-    def _made_for(self, method: str) -> tuple[HeightSelector, Controller]:
-        """Return the selector of a method and its controller."""
+    def _made_for(self, method: str) -> _Made:
+        """Return the selector of a method and, where it simulates and there is a map, what looks heights up instead."""
         scene, selector = self._scene, self._make_selector(method)
         if not scene.ceiling.controlled:
-            return selector, controller_of(self.parameters.__getitem__, scene, selector)
+            return selector, None
         # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
         with suppress(SelectionError):
             selector.select(selection.Excitation(scene.grain.radius, frequency=scene.frequency_hz))
         given = self.parameters["map"] or scene.ceiling.map
-        fallback = self._make_selector("lookup") if selector.simulates and given else None
-        return selector, controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor, fallback)
+        return selector, self._make_selector("lookup") if selector.simulates and given else None
 
     def _make_topics(self) -> None:
         self._events = EventPublisher(self)
@@ -138,14 +136,14 @@ class SelectorNode(Node):
         )
         self._maps = MapServer(self)
         # a ceiling that no controller moves cannot be searched
-        borrowed = self._controller if isinstance(self._controller, SearchingController) else None
-        self._search = SearchServer(self, borrowed, lambda: self._start_ns) if borrowed else None
+        mode = self._controller.search
+        self._search = SearchServer(self, mode, lambda: self._start_ns) if mode else None
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
 
     # parameters that change while the node runs
 
     def _settings(self, value: Value) -> tuple[ControlSettings, float]:
-        if value("method") not in ("", self._method) and not isinstance(self._controller, SearchingController):
+        if value("method") not in ("", self._method) and not self._scene.ceiling.controlled:
             raise SelectionError("method: the scene moves the ceiling; allowed: a scene whose ceiling has a controller")
         return control_settings(value, self._scene.frequency_hz, self._selector), float(value("stale_timeout"))
 
@@ -166,15 +164,15 @@ class SelectorNode(Node):
             return
         (method, made), self._making = self._making, None
         try:
-            selector, inner = made.result()
+            selector, fallback = made.result()
         except AtpidError as error:
             text = f"{error}; heights are still selected by {self._method}"
             self._events.publish(Event.WARNING, Event.REFUSED, text)
             return
-        assert isinstance(self._controller, SearchingController)
         self._selector, self._method = selector, method
         self._height_services.method = method
-        self._controller.select_by(inner)
+        settings = control_settings(self.parameters.__getitem__, self._scene.frequency_hz, selector)
+        self._controller.select_by(settings, selector, fallback)
         self._events.publish(Event.INFO, Event.PARAMETER, f"heights are selected by {method}")
         self._configure(self._settings(self.parameters.__getitem__))
 

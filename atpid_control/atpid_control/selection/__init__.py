@@ -2,7 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height selection: one protocol, one small file a method, chosen by name from the registry."""
 
-from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, HeightSelector, Options, Selection, SelectionError
 from atpid_control.selection.registry import METHODS, make_selector, methods
 
-__all__ = ["METHODS", "Excitation", "HeightSelector", "Selection", "SelectionError", "make_selector", "methods"]
+__all__ = [
+    "METHODS",
+    "Excitation",
+    "HeightSelector",
+    "Options",
+    "Selection",
+    "SelectionError",
+    "make_selector",
+    "methods",
+]

@@ -6,6 +6,7 @@ import gc
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from functools import cached_property, partial
 
 from atpid_control.selection.checks import response_at
@@ -51,7 +52,8 @@ class DirectSelector:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled.
 
         deadline: time in which a selection with a margin ends with what it has found [s]; by default none, so that it
-        verifies every system and does not depend on how busy the machine is.
+        verifies every system and does not depend on how busy the machine is. With one, what a margin needs is made
+        here, so that the first selection with a margin is as fast as the next.
         """
         self._scene, self._workers, self._deadline = scene, workers or cores(), Deadline(deadline).seconds
         self._limits = scene.height_limits
@@ -62,6 +64,8 @@ class DirectSelector:
         for level in (self._damper.sufficient(_SMALL, math.inf), self._damper):
             with suppress(NumericalFailure):
                 level.follow_on(_SMALL, level.closed_state(_SMALL), ((0.0, 4.0 * level.diameter),), Timing(1.0, 4.0))
+        if math.isfinite(self._deadline):
+            _ = self._systems
 
     @cached_property
     def _systems(self) -> list[UncertainSystem]:
@@ -70,15 +74,11 @@ class DirectSelector:
         gc.collect()
         return made
 
-    def prepare(self) -> None:
-        """Make what a margin needs now, so that the first selection with one is as fast as the next."""
-        _ = self._systems
-
     def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the best height reached from `height` [m], or from closed; see `HeightSelector.select`."""
         spread = excitation.spread(margin)
         if margin > 0.0:
-            self.prepare()
+            _ = self._systems  # before the time begins to run
         deadline = Deadline(self._deadline if margin > 0.0 else math.inf)
         damper = response_at(self._damper, self._scene, excitation.frequency, _RTOL)
         approaches = FROM_CLOSED
@@ -124,7 +124,7 @@ class DirectSelector:
             found.height, found.amplitude, reduction, self.method,
             found.evaluations + (best.evaluations if best else 0), deadline.spent,
             best.efficiency - reduction if best else math.nan, (searched, held), note=note,
-            late=deadline.passed() or best is None,
+            late=deadline.passed() or best is None, box=asdict(self._uncertainty),
         )  # fmt: skip
 
 

@@ -3,8 +3,8 @@
 """The role of a height selector, from an excitation to the best ceiling height, and its contract for tests."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from atpid_common.errors import InputError
@@ -66,10 +66,34 @@ class Selection:
     no_use: str = ""  # why the damper is of no use here, one line; empty: it is of use
     note: str = ""  # what the selection holds for, and what it fell short of
     late: bool = False  # it took longer than the time it was given, or left its search unfinished for it
+    box: Mapping[str, float] = field(default_factory=dict)  # how far each quantity may be off, of a margin; empty: none
+
+
+def box_in_words(box: Mapping[str, float]) -> str:
+    """Return how far each quantity of a margin's box may be off, relative but for the ceiling's position."""
+    shares = [f"{name} ± {100.0 * value:g} %" for name, value in box.items() if name != "resolution"]
+    return ", ".join([*shares, f"ceiling ± {1e3 * box['resolution']:g} mm"])
+
+
+@dataclass(frozen=True)
+class Options:
+    """What some methods take beside the scene: the same names and defaults in commands, nodes and Python."""
+
+    stiffness_uncertainty: float = 0.02  # relative error of the model's stiffness, in the margin of `direct` [-]
+    deadline: float = math.inf  # time in which a selection of `direct` with a margin ends [s]
+    gravity: bool = True  # of the models of `pca`
+
+
+#: The options that a built-in method takes; one that is not named takes none.
+TAKES: Mapping[str, tuple[str, ...]] = {"direct": ("stiffness_uncertainty", "deadline"), "pca": ("gravity",)}
 
 
 class HeightSelector(Protocol):
     """One method of selection.
+
+    Who adds one implements `method`, `simulates` and `select`, and names a function `(scene, height map or None) ->
+    selector` in the entry-point group `atpid.selectors`; `violations` is its contract test.
+
 
     A method that selects at other frequencies than the scene's has `frequencies`, the lowest and the highest of them
     [Hz]; one without is asked for heights at the scene's alone (`frequency_tolerance` of selector.yaml).

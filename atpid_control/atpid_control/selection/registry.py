@@ -6,27 +6,27 @@ A scene names the built-in ones (atpid_sim/scene/ceiling.py) or a plug-in; `fixe
 """
 
 from collections.abc import Callable
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from atpid_common.errors import AtpidError
-from atpid_control.selection.protocol import HeightSelector, SelectionError
+from atpid_control.selection.protocol import HeightSelector, Options, SelectionError
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
 
-#: Makes a selector for a scene, with the height map given (None: none).
-Factory = Callable[[Scene, Path | None], HeightSelector]
+#: Makes a selector for a scene, with the height map given (None: none) and the options of the method.
+Factory = Callable[[Scene, Path | None, Options], HeightSelector]
+_USUAL = Options()
 
 
 # What a method needs is loaded with it: maps load the simulation, which other nodes do without.
-def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
+def _fixed(scene: Scene, _height_map: Path | None, _options: Options) -> HeightSelector:
     from atpid_control.selection.lookup import FixedSelector
 
     return FixedSelector(scene.ceiling.heights[-1][1])
 
 
-def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
+def _lookup(scene: Scene, height_map: Path | None, _options: Options) -> HeightSelector:
     from atpid_control.selection.lookup import LookupSelector
     from atpid_sim.maps import HeightMap
 
@@ -38,22 +38,34 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
     return LookupSelector(scene, HeightMap.load(height_map))
 
 
-def _learned(scene: Scene, model: Path | None) -> HeightSelector:
+def _learned(scene: Scene, model: Path | None, _options: Options) -> HeightSelector:
     from atpid_control.selection.learned import learned
 
     return learned(scene, model)
 
 
-def _computing(module: str, name: str) -> Factory:
-    """Return the factory of a class that takes the scene alone."""
+def _pca(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
+    from atpid_control.selection.pca import PcaSelector
 
-    def make(scene: Scene, _height_map: Path | None) -> HeightSelector:
-        return at_any_frequency(getattr(import_module(f"atpid_control.selection.{module}"), name)(scene), scene)
-
-    return make
+    model = scene if options.gravity else scene.with_(gravity=0.0)
+    return _at_any_frequency(PcaSelector(scene, gravity=options.gravity), model)
 
 
-def at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
+def _direct(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
+    from atpid_control.selection.direct import DirectSelector
+    from atpid_control.selection.uncertain import MarginBox
+
+    box = MarginBox(stiffness=options.stiffness_uncertainty)
+    return _at_any_frequency(DirectSelector(scene, box, deadline=options.deadline), scene)
+
+
+def _search(scene: Scene, _height_map: Path | None, _options: Options) -> HeightSelector:
+    from atpid_control.selection.search import SearchSelector
+
+    return _at_any_frequency(SearchSelector(scene), scene)
+
+
+def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     """Return a method that simulates as one that stays closed where the damper is of no use, at any frequency."""
     from atpid_control.selection.any_frequency import AnyFrequency
 
@@ -62,9 +74,9 @@ def at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
 
 METHODS: dict[str, Factory] = {
     "lookup": _lookup,
-    "pca": _computing("pca", "PcaSelector"),
-    "direct": _computing("direct", "DirectSelector"),
-    "search": _computing("search", "SearchSelector"),
+    "pca": _pca,
+    "direct": _direct,
+    "search": _search,
     "learned": _learned,
     "fixed": _fixed,
 }
@@ -90,10 +102,16 @@ def methods() -> tuple[str, ...]:
     return (*METHODS, *plug_ins())
 
 
-def make_selector(method: str, scene: Scene, height_map: Path | None = None) -> HeightSelector:
-    """Return the selector called `method` for `scene`; raise SelectionError or MapError where it cannot be made."""
+def make_selector(
+    method: str, scene: Scene, height_map: Path | None = None, options: Options = _USUAL
+) -> HeightSelector:  # fmt: skip
+    """Return the selector called `method` for `scene`: the one way, of commands, nodes and Python alike.
+
+    options: those that the method does not take are left out (`TAKES`). Raises SelectionError or MapError where the
+    selector cannot be made.
+    """
     if method in METHODS:
-        return METHODS[method](scene, height_map)
+        return METHODS[method](scene, height_map, options)
     installed = plug_ins()
     if method not in installed:
         raise SelectionError(f"method: given {method!r}; allowed: {', '.join((*METHODS, *installed))}")

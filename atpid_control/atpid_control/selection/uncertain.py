@@ -28,12 +28,15 @@ _CORNERS = 16
 
 @dataclass(frozen=True)
 class MarginBox:
-    """How far each quantity may lie from its value, to either side, apart from the amplitude."""
+    """How far each quantity may lie from its value, to either side, apart from the amplitude.
 
-    stiffness: float = 0.05  # relative, of the beam: the model's own uncertainty [-]
+    The excitation's frequency is identified, and with it the beam's mass is known but for its stiffness.
+    """
+
+    stiffness: float = 0.02  # relative, of the beam: the model's own uncertainty [-]
     resolution: float = 5e-4  # of the ceiling's position [m]
-    mass: float = 0.05  # relative, of the beam [-]
-    frequency: float = 5e-3  # relative, of the excitation [-]
+    mass: float = 5e-3  # relative, of the beam [-]
+    frequency: float = 5e-4  # relative, of the excitation [-]
     restitution: float = 0.05  # relative [-]
 
 
