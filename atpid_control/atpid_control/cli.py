@@ -18,7 +18,6 @@ COMMANDS: Commands = {
         "sweep": (f"{_SIM}.sweep", "the steady motions over many heights, support amplitudes and grain masses"),
         "basin": (f"{_SIM}.basin", "the share of kicks or initial states that come to the steady motion"),
         "cliffs": (f"{_SIM}.cliffs", "follow a periodic motion over the height, and the cliff where it ends"),
-        "learn": (f"{_CONTROL}.learn", "train the method `learned` from simulated systems"),
         "design": (f"{_CONTROL}.design", "design a damper for a structure: grain, heights, motor, reduction"),
     },
     "Modes of a structure": {

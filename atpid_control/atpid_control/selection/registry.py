@@ -38,12 +38,6 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
     return LookupSelector(scene, HeightMap.load(height_map))
 
 
-def _learned(scene: Scene, model: Path | None) -> HeightSelector:
-    from atpid_control.selection.learned import learned
-
-    return learned(scene, model)
-
-
 def _computing(module: str, name: str) -> Factory:
     """Return the factory of a class that takes the scene alone."""
 
@@ -65,7 +59,6 @@ METHODS: dict[str, Factory] = {
     "pca": _computing("pca", "PcaSelector"),
     "direct": _computing("direct", "DirectSelector"),
     "search": _computing("search", "SearchSelector"),
-    "learned": _learned,
     "fixed": _fixed,
 }
 
