@@ -99,7 +99,7 @@ class SceneValues(SceneBlock):
     @classmethod
     def _one_damper(cls, given: Any) -> Any:
         if isinstance(given, Mapping) and "further_dampers" in given:
-            allowed = "no such key: one damper with one grain is simulated, that of grain and ceiling"
+            allowed = "none: one damper with one grain is simulated, that of grain and ceiling"
             raise impossible("further_dampers", given["further_dampers"], allowed)
         return given
 
