@@ -25,7 +25,6 @@ COMMANDS: Commands = {
         "sweep": ("studies.sweep.command", "simulate the standard task at many heights and time it"),
         "modes": ("studies.modal", "structures of several modes against scipy, and what a mode costs"),
         "peace01": ("studies.peace01", "NLvib's benchmark PEACE01 by the return map, beside harmonic balance"),
-        "dampers": ("studies.dampers.command", "several dampers on a structure against scipy; one mass in cells"),
         "steady": ("studies.steady.command", "what `simulate --steady` finds, beside long runs of random systems"),
         "extremes": ("studies.extremes.command", "outcomes of random systems far outside the usual range"),
         "rebound": ("studies.rebound_fit", "print the coefficients of the rebound's series"),

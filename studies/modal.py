@@ -8,9 +8,10 @@ DOP853 without any event, so that the two share the scene's numbers and the cont
 
 import argparse
 import json
+import math
 import time
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -19,13 +20,15 @@ from rich.table import Table
 from scipy.integrate import solve_ivp
 
 from atpid_common.arguments import whole
+from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import contact_of
+from atpid_sim.modal import ModeSet
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.simulation.energy import mode_residuals
+from atpid_sim.simulation.energy import relative_residual
 from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.system import Array
-from studies.dampers.naive import Structure
 
 #: Arguments of the example in the help.
 EXAMPLE = "--systems 40 --seed 7"
@@ -35,6 +38,61 @@ REPEATS, _COUNTS = 7, (1, 2, 4, 8)
 _DISTURBANCE, _REPRODUCIBLE = 1e-6, 5e-4
 #: Relative tolerance and longest step [s] of scipy's run; samples a second of its amplitude.
 _RTOL, LONGEST, _RATE = 1e-11, 5e-5, 4000.0
+
+
+class Structure(NamedTuple):
+    """The scene's numbers."""
+
+    mass: Array  # (modes,) each
+    stiffness: Array
+    damping: Array
+    direct: Array
+    rate: Array
+    grain: float
+    clearance: float
+    gravity: float
+    omega: float
+    size: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Structure":
+        """Return those of a scene with a constant tone and a fixed ceiling."""
+        modes = [scene.beam, *scene.further_modes]
+        mass, stiffness, damping = (
+            np.array([getattr(mode, name) for mode in modes]) for name in ("mass", "stiffness", "damping")
+        )
+        factors = np.array([1.0, *(mode.drive_factor for mode in scene.further_modes)])
+        direct, rate = factors, 0.0 * factors
+        if scene.drive == "support":
+            factors[0] -= factors[1:].sum()
+            direct, rate = factors * stiffness, factors * damping
+        fraction, clearance = scene.grain.mass_fraction, scene.ceiling.heights[0][1] - 2.0 * scene.grain.radius
+        return cls(
+            mass,
+            stiffness,
+            damping,
+            direct,
+            rate,
+            scene.beam.mass * fraction / (1.0 - fraction),
+            clearance,
+            scene.gravity,
+            2.0 * math.pi * scene.frequency_hz,
+            scene.excitation.amplitude_points[0][1],
+        )
+
+    def start(self) -> Array:
+        """Return the state at rest: modes, their rates, the grain and its velocity."""
+        weight = np.full(len(self.mass), self.grain * self.gravity)
+        weight[0] += self.mass[0] * self.gravity
+        q = -weight / self.stiffness
+        return np.concatenate((q, 0.0 * q, [q.sum(), 0.0]))
+
+    def accelerations(self, t: float, q: Array, rate: Array) -> Array:
+        """Return those of the modes (modes,) without the grain."""
+        u, w = self.size * math.sin(self.omega * t), self.size * self.omega * math.cos(self.omega * t)
+        force = self.direct * u + self.rate * w - self.stiffness * q - self.damping * rate
+        force[0] -= self.mass[0] * self.gravity
+        return np.asarray(force / self.mass)
 
 
 @dataclass(frozen=True)
@@ -111,7 +169,7 @@ def compare(scene: Scene) -> Compared:
     integration.advance(last, integration.table, Observation(scene.steady_window))
     modes = scene.modes
     assert modes is not None
-    residual = float(np.abs(mode_residuals(modes.free, first, last)).max())
+    residual = max(map(abs, _mode_residuals(modes.free, first, last)))
     impacts = last.floor_impacts + last.ceiling_impacts
     other = integration.at_level("soft", 0.01 * integration.rtol)
     disturbed = other.initial_state(_DISTURBANCE)
@@ -121,11 +179,32 @@ def compare(scene: Scene) -> Compared:
     return Compared(len(modes.free.mass), scene.drive, impacts, last.amplitude, naive, residual, spread)
 
 
+def _mode_residuals(modes: ModeSet, first: State, last: State) -> list[float]:
+    """Return what does not add up in each mode's ledger, relative to its flows and its largest energy."""
+    begun, ended = (
+        state.y[columns.STATE_SIZE :].reshape(-1, columns.MODE_COLUMNS)[: len(modes.mass)] for state in (first, last)
+    )
+    added = ended - begun
+    work, lost, contact = (added[:, k] for k in (columns.Q_INPUT, columns.Q_LOSS, columns.Q_CONTACT))
+    stored = _stored_by_mode(modes, ended) - _stored_by_mode(modes, begun)
+    sprung = 0.5 * modes.stiffness * np.maximum(begun[:, columns.Q], ended[:, columns.Q]) ** 2
+    flows = zip(work.tolist(), lost.tolist(), contact.tolist(), stored.tolist(), sprung.tolist(), strict=True)
+    return [
+        relative_residual(work, lost, -contact, 0.0, stored, sprung) for work, lost, contact, stored, sprung in flows
+    ]
+
+
+def _stored_by_mode(modes: ModeSet, states: Array) -> Array:
+    """Return kinetic, elastic and potential energy of each mode (modes,) [J]."""
+    q, rate = states[:, columns.Q], states[:, columns.Q_RATE]
+    stored: Array = 0.5 * modes.mass * rate**2 + 0.5 * modes.stiffness * q**2 + modes.mass * modes.gravity * q
+    return stored
+
+
 def naive_amplitude(scene: Scene) -> float:
     """Return the half peak-to-peak of the container in the steady window by scipy [m]."""
     one = Structure.of(scene)
-    n, gravity, grain, clearance = len(one.mass), one.gravity, one.grains[0], one.clearance[0]
-    none_held = np.zeros(1, bool)
+    n, gravity, grain, clearance = len(one.mass), one.gravity, one.grain, one.clearance
     elastic, damped = contact_of(scene).parameters[:2]
 
     def push(overlap: float, closing: float) -> float:
@@ -134,7 +213,7 @@ def naive_amplitude(scene: Scene) -> float:
     def derivative(t: float, z: Array) -> Array:
         q, speed, x, v = z[:n], z[n : 2 * n], z[:n].sum(), z[n : 2 * n].sum()
         force = push(x - z[-2], v - z[-1]) - push(z[-2] - x - clearance, z[-1] - v)
-        a = one.accelerations(t, q, speed, none_held) - force / one.mass
+        a = one.accelerations(t, q, speed) - force / one.mass
         return np.concatenate((speed, a, [z[-1], force / grain - gravity]))
 
     begin, end = scene.steady_window

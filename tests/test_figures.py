@@ -6,6 +6,7 @@ No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.fi
 are drawn again and compared; the whole set is made by `make figures`.
 """
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 
 from atpid_control.cli import main
 from atpid_control.views.report import report
-from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
+from atpid_sim.figure_numbers import KEY, Numbers, numbers_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import standard_bench
 from studies.atlas.column import column_of
@@ -109,6 +110,16 @@ def test_best_heights_multipliers_and_cliffs_are_those_printed(percent: str, mil
 def test_a_column_without_a_cliff_is_named() -> None:
     scene = standard_bench(grain={"mass_fraction": 0.3, "radius": 0.0085})
     assert column_of(scene, 0.01, [0.1]).stability.loss == "NONE"
+
+
+def numbers_in(picture: Path) -> Numbers:
+    """Return the numbers kept in a PNG; raises ValueError for one without."""
+    before, kind, after = picture.read_bytes().partition(f"tEXt{KEY}\0".encode())
+    if not kind:
+        raise ValueError(f"{picture}: no numbers inside; make it again with `make figures`")
+    length = int.from_bytes(before[-4:], "big") - len(KEY) - 1  # of a chunk's content, which the kind follows
+    numbers: Numbers = json.loads(after[:length])
+    return numbers
 
 
 def differences(printed: Numbers, now: Numbers, close: float = CLOSE) -> list[str]:

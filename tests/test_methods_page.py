@@ -70,7 +70,6 @@ def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> Non
     assert 4.0 < (tuned[0] - found["direct"][0]).min() < (tuned[0] - found["direct"][0]).max() < 5.0
     assert (tuned[0] - tuned).max() < 1.0
     assert 5.0 < (found["lookup"][0] - fixed[0]).min() < (found["lookup"][0] - fixed[0]).max() < 18.0
-    assert found["learned"].min() > max(found[what].min() for what in ("lookup", "pca", "direct"))
     held, detuned = (np.array(made[1]["detuned"][what]) for what in ("lookup", "tuned mass, optimised"))
     assert (held[:6] > detuned[:6]).all()  # from a quarter of the stiffness
     assert (held[-10:] > detuned[-10:]).all()  # to four times

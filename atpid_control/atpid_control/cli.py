@@ -22,7 +22,6 @@ COMMANDS: Commands = {
         "sweep": (f"{_SIM}.sweep", "the steady motions over many heights, support amplitudes and grain masses"),
         "basin": (f"{_SIM}.basin", "the share of kicks or initial states that come to the steady motion"),
         "cliffs": (f"{_SIM}.cliffs", "follow a periodic motion over the height, and the cliff where it ends"),
-        "learn": (f"{_CONTROL}.learn", "train the method `learned` from simulated systems"),
     },
     "Modes of a structure": {
         "modes cantilever": (f"{_CONTROL}.modes:CANTILEVER", "modes of a beam with the damper at its tip, for a scene"),

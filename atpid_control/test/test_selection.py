@@ -34,7 +34,7 @@ from atpid_sim.simulation.unrepeated import vibration
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
 SCENE, STANDARD = (load_scene(ROOT / "scenes" / f"{name}.yaml") for name in ("thesis_4_3", "standard"))
-SELECTING = ("lookup", "learned", "pca", "direct", "search")
+SELECTING = ("lookup", "pca", "direct", "search")
 
 
 class Careless:
@@ -269,16 +269,8 @@ def test_pca_is_close_to_the_best(drive: str) -> None:
     assert chosen.beam_amplitude < 1.05 * best_height(DamperResponse(scene, 1e-5), AMPLITUDE[drive]).amplitude
 
 
-def test_learned_states_that_it_knows_one_mode() -> None:
-    notes = [make_selector("learned", scene).select(Excitation(0.01)).note for scene in (two_modes(), standard_bench())]
-    assert [bool(re.match(r"learned\b.*\bone\b", note)) for note in notes] == [True, False]
-    assert notes[1] == ""
-
-
 def test_a_force_is_refused_in_newtons(tmp_path: Path) -> None:
     scene = two_modes("force")
-    with pytest.raises(SelectionError, match=r"^amplitude: given 0\.001 N; .* N\b"):
-        make_selector("learned", scene).select(Excitation(0.001))
     made = build_map(scene, [3.0, 4.0], [scene.grain.mass_fraction], tmp_path / "force.npz")
     assert np.isnan(made.reductions).all()  # of one mode on its support, which is not this structure
     lookup = make_selector("lookup", scene, tmp_path / "force.npz")

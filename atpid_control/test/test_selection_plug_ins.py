@@ -48,7 +48,7 @@ def controlled_by(method: str) -> Scene:
 
 
 def test_an_installed_selector_is_a_method_like_the_others(install: Install) -> None:
-    with pytest.raises(SceneError, match=r"controller: .*'own'; .*'lookup', 'pca', 'direct', 'search' or 'learned'"):
+    with pytest.raises(SceneError, match=r"controller: .*'own'; .*'lookup', 'pca', 'direct' or 'search'"):
         controlled_by("own")
     install("plug_in_good")
     assert methods() == (*METHODS, "own")

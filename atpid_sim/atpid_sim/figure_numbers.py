@@ -94,16 +94,6 @@ def metadata_of(figure: Any) -> dict[str, str]:
     return {KEY: json.dumps(numbers_of(figure), ensure_ascii=True)}
 
 
-def numbers_in(picture: Path) -> Numbers:
-    """Return the numbers kept in a PNG; raises ValueError for one without."""
-    before, kind, after = picture.read_bytes().partition(f"tEXt{KEY}\0".encode())
-    if not kind:
-        raise ValueError(f"{picture}: no numbers inside; make it again with `make figures`")
-    length = int.from_bytes(before[-4:], "big") - len(KEY) - 1  # of a chunk's content, which the kind follows
-    numbers: Numbers = json.loads(after[:length])
-    return numbers
-
-
 def _panel(axes: Any) -> list[list[float]]:
     curves = [_summary(line.get_xdata()) + _summary(line.get_ydata()) for line in axes.get_lines()]
     charts = [container.patches for container in axes.containers if hasattr(container, "patches")]

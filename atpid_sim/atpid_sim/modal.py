@@ -5,7 +5,6 @@
 A mode's coordinate is its part of the container's displacement, so that its mass is the one which an impulse at the
 container meets. In flight the modes do not couple, and while the grain moves with the container its joined ones do
 not: those of the structure with the grain's mass at the container, of whose damping what couples them is left out.
-Several dampers may stand where a mode has another displacement than at the first container, by the factor `shapes`.
 
 A signal s drives a mode by the force `direct` s + `rate` s'. A moving support has shares of stiffness and damping, a
 force acts directly.
@@ -55,14 +54,9 @@ class Modes(NamedTuple):
         return np.vstack([*self.free, *self.joined, self.to_joined, self.from_joined])
 
 
-def modes_of(free: ModeSet, grains: Array | float, gravity: float, shapes: Array | None = None) -> Modes:
-    """Return the modes of a structure in flight, and joined by grains (dampers,) [kg]; gravity [m/s^2].
-
-    shapes: displacement where a grain is over that at the first container (dampers, modes); default: all are there.
-    """
-    grains = np.atleast_1d(grains)
-    shapes_there = np.ones((len(grains), len(free.mass))) if shapes is None else shapes
-    joined_mass = np.diag(free.mass) + (shapes_there.T * grains) @ shapes_there
+def modes_of(free: ModeSet, grain: float, gravity: float) -> Modes:
+    """Return the modes of a structure in flight, and joined by the grain [kg]; gravity [m/s^2]."""
+    joined_mass = np.diag(free.mass) + grain
     from scipy.linalg import eigh  # here, since most scenes have one mode, and it loads slowly
 
     squares, shapes = eigh(np.diag(free.stiffness), joined_mass)
@@ -73,7 +67,7 @@ def modes_of(free: ModeSet, grains: Array | float, gravity: float, shapes: Array
     first = int(np.argmax(np.abs(shapes[0])))  # the one that is most like the first
     order = [first, *(k for k in range(len(squares)) if k != first)]
     shapes, squares, mass = (shapes / at_container)[:, order], squares[order], at_container[order] ** -2.0
-    weight = -free.mass * free.gravity - (shapes_there.T @ grains) * gravity
+    weight = -free.mass * free.gravity - grain * gravity
     joined = ModeSet(
         mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,
         shapes.T @ free.rate, -(shapes.T @ weight) / mass,

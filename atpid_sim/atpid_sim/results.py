@@ -19,13 +19,13 @@ from atpid_sim.figure_style import LIGHT, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Columns of an impact and their units: wall +1 floor, -1 ceiling; closing speed; where dampers are several its number.
-IMPACT = {"time": "s", "wall": "1", "speed": "m/s", "damper": "1"}
+#: Columns of an impact and their units: wall +1 floor, -1 ceiling; closing speed.
+IMPACT = {"time": "s", "wall": "1", "speed": "m/s"}
 
 
 def named_impacts(rows: NDArray[np.float64]) -> NDArray[Any]:
-    """Return impacts (k, 3 or 4), whose columns are `IMPACT`, as a structured array (k,): `impacts["speed"]`."""
-    return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in list(IMPACT)[: rows.shape[1]]])
+    """Return impacts (k, 3), whose columns are `IMPACT`, as a structured array (k,): `impacts["speed"]`."""
+    return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in IMPACT])
 
 
 def in_unit(unit: str, names: str, dims: str = "") -> dict[str, tuple[str, str]]:

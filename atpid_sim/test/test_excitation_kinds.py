@@ -21,7 +21,7 @@ from sim_refusals import command_refused, has_parts, refused
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import Scene, SceneError, SeriesExcitation, scene_from_mapping, standard_bench
-from atpid_sim.scene.density import band_power
+from atpid_sim.scene.drives import band_power
 from atpid_sim.scene.series import read_series
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation import signals

@@ -239,7 +239,7 @@ def test_defaults_are_visible() -> None:
     scene = scene_from_mapping(changed("steady_window", ...))
     assert scene.steady_window == (14.0, 16.0)
     keys = {line.split(" = ")[0] for line in scene.defaults()}
-    assert {"steady_window", "drive", "further_dampers", "container.slope", "sensors.laser.rate", "seed"} <= keys
+    assert {"steady_window", "drive", "container.slope", "sensors.laser.rate", "seed"} <= keys
 
 
 def test_every_wrong_key_is_named() -> None:

@@ -172,7 +172,9 @@ class MarginCurve:
 def margin_curve(amplitude: float, count: int = 21) -> MarginCurve:
     """Compute both heights on beams whose stiffness is up to 5 % off, driven at the frequency of the one thought."""
     scene = standard_bench().with_(mass_fraction=_MASS_FRACTION)
-    selector = DirectSelector(scene, MarginBox(stiffness=0.05, mass=0.0, frequency=0.0, restitution=0.0), deadline=_UNHURRIED)
+    selector = DirectSelector(
+        scene, MarginBox(stiffness=0.05, mass=0.0, frequency=0.0, restitution=0.0), deadline=_UNHURRIED
+    )
     bare, safe = (selector.select(Excitation(amplitude), margin) for margin in (0.0, 1.0))
     damper = DamperResponse(scene, _RTOL)
     errors = np.linspace(-0.05, 0.05, count)

@@ -8,9 +8,6 @@ from importlib.resources import files
 
 import numpy as np
 
-from atpid_common.folders import share_folder
-from atpid_control.selection.height_model import HeightModel
-from atpid_control.selection.learned import SHIPPED
 from atpid_sim.system import Array
 from studies.methods.run import PASSIVE, SELECTED, Compared
 
@@ -39,8 +36,7 @@ def page_text(results: Sequence[Compared]) -> str:
         "methods": _table(headings(results), rows(results)),
         "errors": _table(["5 % error in", *_ERRORS_OF], _errors(results)),
         "passive": _table(["", *(one.name for one in results)], _passive(results)),
-        "learned": _learned(),
-        "refused": _filled("\n".join(f"- {one.name}, {line}" for one in results for line in one.refusals) or "None."),
+        "refused": _filled(_refused(results)),
     }
     parts = [tables.get(part.strip("{}")) or _filled(part) for part in text.strip().split("\n\n")]
     return "\n\n".join(parts) + "\n"
@@ -75,6 +71,11 @@ def _times(results: Sequence[Compared], what: str) -> list[str]:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 1.0 else f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{seconds:.2f} s"
+
+
+def _refused(results: Sequence[Compared]) -> str:
+    lines = [f"- Refused, marked by an asterisk: {one.name}, {line}" for one in results for line in one.refusals]
+    return "\n".join(lines) or "No method refuses any of these amplitudes."
 
 
 _ERRORS_OF = (*SELECTED, PASSIVE[5])
@@ -119,20 +120,6 @@ _THEORY = (
     ("efficiency", "efficiency by the theory [%]", 100.0, ".1f"),
     ("multiplier", "largest multiplier by the theory", 1.0, ".3f"),
 )
-
-
-def _learned() -> str:
-    model = HeightModel.load(share_folder("atpid_control") / SHIPPED)
-    table = []
-    for row in model.errors:
-        clearance, lost, amplitude = (
-            [f"{100.0 * value:.1f} %" for value in row[name]] for name in ("clearance", "lost", "amplitude")
-        )
-        above = f"{100.0 * row['above']:.0f} %"
-        table.append([row["left_out"], str(row["systems"]), *clearance, above, *lost, *amplitude])
-    both = ("median", "95 %")
-    titles = [f"{name}: {part}" for name in ("clearance off", "efficiency given up", "amplitude off") for part in both]
-    return _table(["left out of the training", "systems", *titles[:2], "above the best height", *titles[2:]], table)
 
 
 def _table(titles: Sequence[str], lines: Sequence[Sequence[str]]) -> str:

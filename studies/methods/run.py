@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.map_cache import map_for
 from atpid_control.selection.protocol import Excitation, HeightSelector, SelectionError
-from atpid_control.selection.registry import at_any_frequency, make_selector
+from atpid_control.selection.registry import make_selector
 from atpid_control.selection.search import SearchSelector
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import with_beam
@@ -30,7 +29,7 @@ from studies.methods.structures import ComparisonError, Structure, description, 
 #: What is compared, in the order of the tables.
 PASSIVE = ("closed", "best fixed height, all amplitudes", "best fixed height, first amplitude",
            "Masri's gap, first amplitude", "tuned mass, Den Hartog", "tuned mass, optimised")  # fmt: skip
-SELECTED = ("lookup", "learned", "pca", "direct", "direct, margin", "search")
+SELECTED = ("lookup", "pca", "direct", "direct, margin", "search")
 #: Stiffness of the structure over that of the model, for structures that change by more than 5 % [-].
 DETUNING = np.geomspace(0.25, 4.0, 33)
 #: What stays as it was designed there.
@@ -118,14 +117,12 @@ def _selectors(model: Scene) -> dict[str, HeightSelector | SelectionError]:
     closed = 2.0 * model.grain.radius
     looking = model.with_(ceiling={"closed": closed, "range": [closed, 1e3], "speed": 1.0, "controller": "lookup"})
     found: dict[str, HeightSelector | SelectionError] = {}
-    for method in ("lookup", "learned", "pca"):
+    for method in ("lookup", "pca", "direct"):
         try:
             found[method] = make_selector(method, model, map_for(looking) if method == "lookup" else None)
         except SelectionError as error:
             found[method] = error
-    direct = DirectSelector(model, deadline=math.inf)
-    direct.prepare()
-    return found | {"direct": at_any_frequency(direct, model)}
+    return found
 
 
 def _answer(

@@ -36,7 +36,6 @@ atpid campaign CSV --out DIR
 atpid first-run SCENE --out DIR --simulated --yes
 atpid replay BAG --out DIR
 atpid select SCENE --method lookup --map NPZ
-atpid learn --out DIR --systems 32
 atpid design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --out DIR
 atpid modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5e9 --density 2400 --tip-mass 0.25 \
     --damping-ratio 0.02 --modes 2 --force-at 0.3 --scene SCENE --out YAML

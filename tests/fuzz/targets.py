@@ -29,7 +29,6 @@ from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.run import open_run
 from atpid_control.runs.support import support_series
 from atpid_control.runs.verify import survey, verify
-from atpid_control.selection.height_model import HeightModel
 from atpid_control.stand.launching.arguments import arguments_of, check_names, words_of
 from atpid_control.stand.launching.options import OPTIONS
 from atpid_control.stand.parameters import read_parameters
@@ -254,9 +253,6 @@ TARGETS = {
         lambda: changed_arrays({"time": np.arange(9.0), "support_displacement": np.zeros(9)}),
     ),
     "map": Target("map.npz", _map, lambda: changed_arrays(_arrays("atpid_control/config/maps/standard.npz"))),
-    "learned": Target(
-        "model.npz", HeightModel.load, lambda: changed_arrays(_arrays("atpid_control/config/learned/heights.npz"))
-    ),
     "calibration": Target("laser.yaml", _calibration, lambda: _yaml("atpid_driver/config/calibration/*.yaml")),
     "readings": Target("readings.csv", _readings, lambda: changed_bytes([_READINGS])),
     "recording": Target("recording.csv", _recording, lambda: changed_bytes([_TABLE])),

@@ -27,7 +27,6 @@ from atpid_sim.system import Array
 from studies import modal
 from studies.baselines import run_baseline
 from studies.cli import main
-from studies.dampers import command as dampers
 from studies.extremes.systems import broken, fidelities_for, run_case
 from studies.rebound_fit import SERIES, reference
 from studies.sweep.measure import standard_task
@@ -92,25 +91,6 @@ def test_closed_forms_of_impacts_are_the_published_ones() -> None:
     assert found.force == pytest.approx(11369.9, abs=0.05)
     assert 1e6 * found.overlap == pytest.approx(49.717, abs=5e-4)
     assert 1e6 * found.duration == pytest.approx(731.66, abs=5e-3)
-
-
-def test_several_dampers_are_those_of_scipy_and_of_stiff_contacts() -> None:
-    rng = np.random.default_rng(7)
-    scenes = [dampers.drawn(rng) for _ in range(2)]
-    compared = [dampers.compare(scene.with_(duration=0.9, steady_window=[0.5, 0.9])) for scene in scenes]
-    assert min(one.impacts for one in compared) > 30
-    assert all(one.residual < 1e-9 and one.grains > 1 for one in compared)
-    same = [one for one in compared if one.impacts_spread < 1e-4]
-    assert same
-    assert max(one.by_impacts for one in same) < 2e-3
-    assert min(one.by_contacts for one in compared) < 2e-3
-
-
-def test_wild_scenes_of_several_dampers_end_with_a_name_and_a_closed_ledger() -> None:
-    rng = np.random.default_rng(3)
-    outcomes = [dampers.outcome(dampers.wild(rng)) for _ in range(60)]
-    assert set(outcomes) <= {"DONE", "OVERLAP_TOO_DEEP", "STEP_BUDGET"}
-    assert outcomes.count("DONE") > 40
 
 
 def test_a_structure_of_several_modes_is_that_of_scipy(monkeypatch: pytest.MonkeyPatch) -> None:

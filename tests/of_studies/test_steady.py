@@ -223,7 +223,6 @@ def test_a_run_that_does_not_reach_its_end_is_named() -> None:
     ("change", "part"),
     [
         ({"steady_window": [6.5, 16.0]}, "7 s"),
-        ({"further_dampers": [{"mass_fraction": 0.1, "height": 0.1}]}, "one damper"),
         ({"excitation": {"sweep": {"amplitude": 0.01, "from": 4.0, "to": 6.0}}}, "tone"),
     ],
 )

@@ -18,7 +18,6 @@ from studies.tradeoff.measure import measure, reference_of, with_front
 
 #: A study, the arguments of its least size, and a pattern of what it prints.
 CASES = {
-    "dampers": ("--systems 0 --wild 3 --seed 7", r"DONE +\d"),
     "designs": ("--draws 1 --seed 1 --points 2 --page {}", r"farthest.*0\.\d"),
     "extremes": ("--systems 4 --seed 7 --fidelities impact --out {}", r"\| impact \|"),
     "identification": ("--signals 2 --seed 1 --page {}", r"\| white noise, 1 % \| 2 \|"),

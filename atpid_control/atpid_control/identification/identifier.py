@@ -13,7 +13,7 @@ from atpid_control.identification.excitation_kind import ExcitationWatch, OtherE
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
-from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
+from atpid_control.identification.window import SampleBuffer, seed_frequency, smoothed_half_peak_to_peak
 from atpid_sim.system import Array
 
 #: Steady estimates differ by noise alone up to this many of their standard deviations.
@@ -205,4 +205,4 @@ class Identifier:
         if math.isnan(frequency):
             return math.nan
         signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
-        return half_peak_to_peak(signal, buffer.step, frequency)
+        return smoothed_half_peak_to_peak(signal, buffer.step, frequency)

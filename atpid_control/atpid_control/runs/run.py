@@ -303,7 +303,7 @@ class Run(Shown):
         moves = self.drive is DRIVES["support"]
         stretch = max(abs(motion.beam[end] - moves * motion.support[end]) for end in (0, -1))
         sprung = 0.5 * self.scene.beam.stiffness * stretch**2 if self.scene is not None else 0.0
-        residual = float(relative_residual(work, beam, contact, ceiling, stored, sprung))
+        residual = relative_residual(work, beam, contact, ceiling, stored, sprung)
         return Ledger(work, beam, contact, ceiling, stored, residual)
 
     @property

@@ -44,7 +44,7 @@ def map_for(scene: Scene) -> Path | None:
     if not ceiling.controlled:
         return None
     if ceiling.controller != "lookup":
-        return ceiling.map if ceiling.controller == "learned" or ceiling.controller not in CONTROLLERS else None
+        return ceiling.map if ceiling.controller not in CONTROLLERS else None
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map

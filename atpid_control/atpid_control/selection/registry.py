@@ -38,12 +38,6 @@ def _lookup(scene: Scene, height_map: Path | None, _options: Options) -> HeightS
     return LookupSelector(scene, HeightMap.load(height_map))
 
 
-def _learned(scene: Scene, model: Path | None, _options: Options) -> HeightSelector:
-    from atpid_control.selection.learned import learned
-
-    return learned(scene, model)
-
-
 def _pca(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
     from atpid_control.selection.pca import PcaSelector
 
@@ -74,10 +68,8 @@ def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
 
 METHODS: dict[str, Factory] = {
     "lookup": _lookup,
-    "pca": _pca,
-    "direct": _direct,
-    "search": _search,
-    "learned": _learned,
+def _pca(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
+    from atpid_control.selection.pca import PcaSelector
     "fixed": _fixed,
 }
 

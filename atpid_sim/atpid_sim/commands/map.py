@@ -126,19 +126,16 @@ def _warn(scene: Scene, amplitudes: list[float], fractions: list[float]) -> None
         print(f"warning: {line}", file=sys.stderr)
 
 
-def _of_no_use(made: HeightMap) -> str:
-    count = int(np.count_nonzero(made.efficiencies == 0.0))
-    return f", {count} of no use: closed" if count else ""
-
-
 def _print_summary(made: HeightMap, out: Path) -> None:
     computed = made.heights.size - len(made.failures)
     irregular = computed - int(np.count_nonzero(made.reproducible))
+    closed = int(np.count_nonzero(made.efficiencies == 0.0))
+    of_no_use = f", {closed} of no use: closed" if closed else ""
     print(
         f"{out}: {computed} best heights, {np.nanmin(made.heights):.4f} to {np.nanmax(made.heights):.4f} m, "
         f"efficiency {100 * np.nanmin(made.efficiencies):.1f} to {100 * np.nanmax(made.efficiencies):.1f} %, "
         f"reduction {100 * np.nanmin(made.reductions):.1f} to {100 * np.nanmax(made.reductions):.1f} %, "
-        f"{irregular} not reproducible{_of_no_use(made)}"
+        f"{irregular} not reproducible{of_no_use}"
     )
     if made.failures:
         first = made.failures[0]

@@ -29,12 +29,12 @@ _DRIVEN = (
     "rms", "undamped_rms", "efficiency_rms", "bare_rms", "reduction_rms", "independent_samples", "support_rms",
     "support_acceleration_rms", "deflection", "undamped_deflection", "bare_deflection",
     "amplitude", "undamped_amplitude", "efficiency", "bare_amplitude", "reduction", "reproducible", "spread", "motion",
-    "impacts", "impacts_per_damper", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps",
+    "impacts", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps",
     "wall_s", "result",
 )  # fmt: skip
 #: The amplitude in a window of a decay depends on the window: the decrement is what it is measured by.
 _DECAY = (
-    "decrement", "undamped_decrement", "decrement_error", "impacts", "impacts_per_damper", "resonance", "fidelity",
+    "decrement", "undamped_decrement", "decrement_error", "impacts", "resonance", "fidelity",
     "left_out", "energy_residual", "steps", "wall_s", "result",
 )  # fmt: skip
 

@@ -103,32 +103,3 @@ FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR, OFF_CEILING = range(5)
     Q_CONTACT,  # work of contacts on it [J]
     MODE_COLUMNS,
 ) = range(6)
-
-# Behind the modes where the structure has several dampers, float64 (dampers, GRAIN_COLUMNS); the first's is GRAIN too.
-(
-    G_PLACE,  # displacement of the grain [m]
-    G_SPEED,  # [m/s]
-    G_TOUCHING,  # in contact inside the window [s]
-    GRAIN_COLUMNS,
-) = range(4)
-
-# Behind the counters there, int64 (dampers, DAMPER_COUNTERS); the counters above are sums, MODE is the first's.
-(
-    D_MODE,
-    D_FLOOR,
-    D_CEILING,
-    D_WINDOW_FLOOR,
-    D_WINDOW_CEILING,
-    D_LOW_HOPS,
-    DAMPER_COUNTERS,
-) = range(7)
-
-# Dampers, float64 (dampers, DAMPER_COLUMNS).
-(
-    GRAIN_MASS,  # [kg]
-    RADIUS,  # [m]
-    FIXED_HEIGHT,  # of the ceiling above the floor [m]; of the first in the drive table
-    FAST,  # closing speed from which on a contact is deeper than the grain's radius [m/s]
-    CRUSHING,  # force that presses a resting grain as deep [N]
-    DAMPER_COLUMNS,
-) = range(6)

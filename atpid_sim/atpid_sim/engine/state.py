@@ -87,27 +87,6 @@ class State:
         self.y[columns.GRAIN_VELOCITY] = velocity
         self.n[columns.MODE] = columns.FREE
 
-    @property
-    def dampers(self) -> tuple[NDArray[np.int64], Array]:
-        """Counters (dampers, DAMPER_COUNTERS) and grains (dampers, GRAIN_COLUMNS); none where there is one damper."""
-        hits = self.n[columns.COUNTERS :].reshape(-1, columns.DAMPER_COUNTERS)
-        return hits, self.y[len(self.y) - columns.GRAIN_COLUMNS * len(hits) :].reshape(-1, columns.GRAIN_COLUMNS)
-
-    @property
-    def hits_per_damper(self) -> NDArray[np.int64]:
-        """Impacts on floor and ceiling of each of several dampers (dampers, 2); none of one."""
-        return self.dampers[0][:, [columns.D_FLOOR, columns.D_CEILING]]
-
-    @property
-    def contacts_per_damper(self) -> list[tuple[int, int, float]]:
-        """Impacts on floor and ceiling and time in contact [s] inside the window, of each damper."""
-        hits, grains = self.dampers
-        if not len(hits):
-            window = self.n[columns.WINDOW_FLOOR], self.n[columns.WINDOW_CEILING]
-            return [(int(window[0]), int(window[1]), float(self.y[columns.CONTACT_TIME]))]
-        counts = hits[:, [columns.D_WINDOW_FLOOR, columns.D_WINDOW_CEILING]].tolist()
-        return [(*both, time) for both, time in zip(counts, grains[:, columns.G_TOUCHING].tolist(), strict=True)]
-
     def copy(self) -> State:
         """Return an independent copy."""
         return State(self.y.copy(), self.n.copy())

@@ -85,7 +85,6 @@ class DamperResponse:
         rtol: relative tolerance of the integrator, by default that of the scene. fidelity: by default the one that
         leaves out nothing of the contact law: near the best height a model error can change the motion altogether.
         """
-        scene.refuse_further_dampers("a search of heights")
         self._integration = Integration(scene, fidelity or complete_fidelity(scene), rtol)
         self._run = self._integration.kernel_inputs
         self.fidelity = self._integration.fidelity

@@ -283,11 +283,6 @@ class PlantNode(Node):
         laser = block.readings[0]
         return stamp_ns(self._start_ns, laser.first_index + len(laser.data) - 1, laser.rate) + self._shift(laser)
 
-    def _last_stamp(self) -> int:
-        """Stamp of the last laser sample computed so far [ns]."""
-        rate = self.stream.laser.rate
-        return stamp_ns(self._start_ns, max(0, self.stream.computed_scans - 1), rate)
-
     # the end
 
     def _summary(self) -> str:
@@ -308,7 +303,9 @@ class PlantNode(Node):
         self._leaving.when_recorded(status)
 
     def _publish_event(self, severity: int, kind: str, text: str, value: float = math.nan) -> None:
-        self._events.publish(severity, kind, text, value, time_of(self._last_stamp()))
+        last = max(0, self.stream.computed_scans - 1)  # of the laser's samples so far
+        stamp = stamp_ns(self._start_ns, last, self.stream.laser.rate)
+        self._events.publish(severity, kind, text, value, time_of(stamp))
 
     def _statuses(self) -> list[DiagnosticStatus]:
         """Return the state of the run, for /diagnostics."""

@@ -114,7 +114,6 @@ def basin(
     error: half-width of the 95 % interval for which the number of starts is chosen; count: so many in its place.
     fidelity: as in `simulate`, for an amplitude to a thousandth. Raises as `steady_state`.
     """
-    scene.refuse_further_dampers("a basin")
     scene = scene.with_(tolerance=max(scene.tolerance, _TOLERANCE))
     level = choose(scene, fidelity, stays_closed=False).fidelity
     search = steady_state(scene, level)

@@ -172,7 +172,8 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
         """Return whether displacements (k, d) of the present radius get shorter at a rate between 1 and `rate`."""
         moves = shells @ basis * radius
         gaps = state.grain - state.beam + moves[:, GRAIN] - moves[:, MODES].sum(axis=1)
-        after = flow.passed(section + moves, state, periods) if touching or _within(gaps, flow.clearance) else None
+        within = bool(((gaps > 0.0) & (gaps < flow.clearance)).all())
+        after = flow.passed(section + moves, state, periods) if touching or within else None
         if after is None:
             return False
         ends = (after - section) @ inverse / radius
@@ -188,10 +189,6 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
             return inverse @ form @ inverse.T / radius**2 + np.outer(resting, resting), radius * longest
         radius *= _SMALLER
     return None
-
-
-def _within(gaps: Array, clearance: float) -> bool:
-    return bool(((gaps > 0.0) & (gaps < clearance)).all())
 
 
 def _squares(rows: Array, form: Array) -> Array:

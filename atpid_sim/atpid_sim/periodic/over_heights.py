@@ -110,15 +110,12 @@ def over_heights(
     """Return what each of the scenes comes to at heights (n,), rising [m], to which its ceiling goes last.
 
     fidelity, rtol: as in `simulate`; progress: called with the number of heights done; journal: of what is done, which
-    the caller removes. Raises SceneError where excitation or ceiling change until the steady window, a controller moves
-    the ceiling, or there are several dampers, ValueError for an unknown fidelity or heights that do not rise,
-    ClusterError, JournalError.
+    the caller removes. Raises SceneError where excitation or ceiling change until the steady window or a controller
+    moves the ceiling, ValueError for an unknown fidelity or heights that do not rise, ClusterError, JournalError.
     """
     heights = np.asarray(heights, dtype=float)
     if len(heights) < 1 or not (np.diff(heights) > 0.0).all():
         raise ValueError(f"heights: given {heights.tolist()}; allowed: at least one, each above the one before")
-    for scene in scenes:
-        scene.refuse_further_dampers("a sweep of steady motions")
     rows = [_Row(scene, heights, choose(scene, fidelity), rtol) for scene in scenes]
     begins = range(0, len(heights), _CHUNK)
     # from the largest heights down: irregular motions, whose jobs take longest, mostly lie there

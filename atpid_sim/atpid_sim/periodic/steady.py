@@ -55,7 +55,6 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     ValueError for an unknown fidelity.
     """
     scene.require_prescribed_ceiling()
-    scene.refuse_further_dampers("a search of steady motions")
     choice = choose(scene, fidelity)
     still = still_from(scene)
     if not scene.excitation.is_tone or still >= scene.duration:

@@ -62,7 +62,6 @@ class Plant:
         is not closed throughout; ValueError for soft and a law without force.
         """
         self._scene = scene
-        scene.refuse_further_dampers("a loop")
         if fidelity not in ("auto", *FIDELITIES):
             raise PlantError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
         self.integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)

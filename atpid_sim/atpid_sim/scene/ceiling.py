@@ -102,7 +102,7 @@ class ProfileCeiling(PrescribedCeiling):
 
 
 #: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
-CONTROLLERS = ("lookup", "pca", "direct", "search", "learned")
+CONTROLLERS = ("lookup", "pca", "direct", "search")
 #: Entry-point group of further methods, installed by other distributions (docs/howto_selector.md).
 SELECTORS = "atpid.selectors"
 
@@ -129,9 +129,7 @@ class ControlledCeiling(SceneBlock):
     range: HeightRange = Field(description="lowest and highest height the motor may reach [m]")
     speed: Speed = Field(description="the motor's constant speed [m/s]")
     controller: Controller = Field(description=f"how the height is selected: {', '.join(CONTROLLERS)}")
-    map: LocatedPath | None = Field(
-        default=None, description="height map for lookup, default: one made and kept; or model of learned"
-    )
+    map: LocatedPath | None = Field(default=None, description="height map for lookup, default: one made and kept")
 
     @model_validator(mode="after")
     def _within_range(self) -> ControlledCeiling:

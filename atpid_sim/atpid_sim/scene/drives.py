@@ -3,13 +3,19 @@
 """The blocks of drives that are no single tone: one of several tones, a random motion, a shock."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
 
 from atpid_sim.fields import Amplitude, Duration, Hertz, Instant, Number, Range, SceneBlock, Words, impossible, within
-from atpid_sim.scene.density import Density
+from atpid_sim.system import Array
 
+#: A power spectral density, one-sided: ((f [Hz], S [unit^2/Hz]), ...), f rising; straight between the points in
+#: logarithms of both, zero outside.
+Density = tuple[tuple[float, float], ...]
 #: One frequency [Hz], or that of beam and grain as one mass.
 ToneFrequency = Annotated[
     Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")],
@@ -122,3 +128,25 @@ class Shock(SceneBlock):
     def _lever(self, resonance: float) -> float:
         """Displacement in the end over the peak of the pulse [s^2]."""
         return self.duration * (self.duration + self.compensation_of(resonance)) / math.pi
+
+
+def band_power(density: Density, edges: Sequence[float] | Array) -> Array:
+    """Return the mean square (n,) [unit^2] between successive of the rising frequencies `edges` (n + 1,) [Hz].
+
+    The exact integral of S = S1 (f / f1)^p over each segment.
+    """
+    f, s = (np.array(values) for values in zip(*density, strict=True))
+    slopes = np.log(s[1:] / s[:-1]) / np.log(f[1:] / f[:-1]) + 1.0
+
+    def below(segment: NDArray[np.intp], frequency: Array) -> Array:
+        """Power of the segment below a frequency in it."""
+        octaves, slope = np.log(frequency / f[segment]), slopes[segment]
+        grown = np.where(np.abs(slope) < 1e-9, octaves, np.expm1(slope * octaves) / np.where(slope == 0.0, 1.0, slope))
+        power: Array = s[segment] * f[segment] * grown
+        return power
+
+    segments = np.arange(len(slopes))
+    before = np.concatenate([[0.0], np.cumsum(below(segments, f[1:]))])
+    inside = np.clip(np.asarray(edges, dtype=float), f[0], f[-1])
+    at = np.clip(np.searchsorted(f, inside, side="right") - 1, 0, len(slopes) - 1)
+    return np.diff(before[at] + below(at, inside))

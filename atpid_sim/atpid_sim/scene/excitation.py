@@ -20,8 +20,7 @@ from atpid_sim.fields import (
     by_type,
     impossible,
 )
-from atpid_sim.scene.density import band_power
-from atpid_sim.scene.drives import MOST_PARTS, Displacement, Random, Shock, Tone
+from atpid_sim.scene.drives import MOST_PARTS, Displacement, Random, Shock, Tone, band_power
 
 Frequency = Annotated[
     Annotated[Hertz, Tag("<number>")]

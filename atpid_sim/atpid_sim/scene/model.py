@@ -8,7 +8,7 @@ import functools
 import math
 import operator
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Strict, Tag, model_validator
@@ -18,22 +18,20 @@ from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_common.vocabulary import DRIVES, Drive
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
-from atpid_sim.fields import Duration, Number, Range, SceneBlock, Words, impossible, within
+from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
 from atpid_sim.modal import Modes, ModeSet, bare_amplitude, modes_of, phasors, resting
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.sensors import Recording, Sensors
-from atpid_sim.scene.structure import Beam, Container, FurtherDamper, FurtherMode, Grain, Initial
+from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
 from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
 #: Modes beside the first at most.
 _MOST_MODES = 50
-#: Blocks of dampers beside the first at most, and grains of all together.
-_MOST_BLOCKS, _MOST_GRAINS = 50, 200
 #: Faults of one run at most.
 _MOST_FAULTS = 1000
 #: Samples a block at most: what one message can hold without filling the memory.
@@ -73,12 +71,6 @@ class SceneValues(SceneBlock):
         default="support", description="what the excitation is: the support's displacement [m], or a force on beam [N]"
     )
     grain: Grain = Field(description="the grain")
-    further_dampers: tuple[FurtherDamper, ...] = Field(
-        default=(),
-        max_length=_MOST_BLOCKS,
-        description="cells of one grain each beside the first damper; grains that touch each other are left out "
-        "(docs/dampers.md)",
-    )
     container: Container = Field(
         default=Container(),
         description="friction and rotation of the container, checked against limits (docs/horizontal.md)",
@@ -103,13 +95,21 @@ class SceneValues(SceneBlock):
         default=None, max_length=_MOST_FAULTS, description="faults injected on the bench (docs/faults.md)"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_damper(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and "further_dampers" in given:
+            allowed = "none: one damper with one grain is simulated, that of grain and ceiling"
+            raise impossible("further_dampers", given["further_dampers"], allowed)
+        return given
+
     @model_validator(mode="after")
     def _fits(self) -> SceneValues:
         first, last = self.steady_window
         if not 0.0 <= first < last <= self.duration:
             allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
             raise impossible("steady_window", list(self.steady_window), allowed)
-        for errors in (_height_errors, _damper_errors, _initial_errors, _block_errors, _fault_errors):
+        for errors in (_height_errors, _initial_errors, _block_errors, _fault_errors):
             for error in errors(self):
                 raise error
         return self
@@ -138,25 +138,9 @@ class SceneValues(SceneBlock):
 
     @property
     def modes(self) -> Modes | None:
-        """The structure's modes where it or its dampers are several or a force drives it, else None."""
-        one = not self.further_modes and not self.further_dampers and self.drive == "support"
+        """The structure's modes where they are several or a force drives it, else None."""
+        one = not self.further_modes and self.drive == "support"
         return None if one else _modes_of(self)
-
-    @property
-    def dampers(self) -> tuple[Damper, ...]:
-        """All dampers, the first at its height at the start."""
-        ones = (1.0,) * (1 + len(self.further_modes))
-        found = [Damper(self.grain_mass, self.grain.radius, self.ceiling.heights[0][1], ones)]
-        for one in self.further_dampers:
-            mass = self.beam.mass * one.mass_fraction / (1.0 - one.mass_fraction)
-            found += one.count * [Damper(mass, one.radius or self.grain.radius, one.height, one.shapes or ones)]
-        return tuple(found)
-
-    def refuse_further_dampers(self, where: str) -> None:
-        """Raise SceneError where the scene has several dampers, of which `where` can take one."""
-        if self.further_dampers:
-            given = f"given {len(self.dampers) - 1} beside the first"
-            raise SceneError(f"further_dampers: {given}; {where} takes one damper; leave them out, or use `simulate`")
 
     @property
     def frequency_hz(self) -> float:
@@ -248,7 +232,7 @@ class SceneValues(SceneBlock):
     def decisive_defaults(self, measured: bool = False) -> list[str]:
         """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
         noise = () if self.excitation.kind == "random" else ("seed",)
-        apart = ("further_modes", "further_dampers", "drive", *(() if measured else ("sensors.", "recording.", *noise)))
+        apart = ("further_modes", "drive", *(() if measured else ("sensors.", "recording.", *noise)))
         return [f"{key} = {_text(value)}" for key, value, _ in _defaults(self, "") if value is not None
                 and not key.startswith(apart)]  # fmt: skip
 
@@ -261,18 +245,9 @@ class SceneValues(SceneBlock):
         return write_yaml(self.to_mapping())
 
 
-class Damper(NamedTuple):
-    """A cell with its grain."""
-
-    grain_mass: float  # [kg]
-    radius: float  # of the grain [m]
-    height: float  # [m]
-    shapes: tuple[float, ...]  # displacement over that at the first damper, in each mode [-]
-
-
 @functools.lru_cache(maxsize=64)
 def _modes_from(
-    parts: tuple[tuple[float, float, float, float], ...], drive: str, dampers: tuple[Damper, ...], gravity: float
+    parts: tuple[tuple[float, float, float, float], ...], drive: str, grain_mass: float, gravity: float
 ) -> Modes:
     """Return the modes of (mass, stiffness, damping, drive factor) each [SI units]."""
     mass, stiffness, damping, factors = np.array(parts).T
@@ -283,14 +258,13 @@ def _modes_from(
         direct, rate = factors, np.zeros(len(factors))
     weight = np.zeros(len(mass))
     weight[0] = gravity
-    grains, shapes = np.array([one.grain_mass for one in dampers]), np.array([one.shapes for one in dampers])
-    return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grains, gravity, shapes)
+    return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grain_mass, gravity)
 
 
 def _modes_of(scene: SceneValues) -> Modes:
     given = [(scene.beam, 1.0), *((mode, mode.drive_factor) for mode in scene.further_modes)]
     parts = tuple((mode.mass, mode.stiffness, mode.damping, factor) for mode, factor in given)
-    return _modes_from(parts, scene.drive, tuple(one._replace(height=0.0) for one in scene.dampers), scene.gravity)
+    return _modes_from(parts, scene.drive, scene.grain_mass, scene.gravity)
 
 
 def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
@@ -303,19 +277,6 @@ def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     for key, height in named.items():
         if height < diameter:
             yield impossible(f"ceiling.{key}", height, f"at least the grain's diameter 2 r = {diameter:g} m")
-
-
-def _damper_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
-    for k, one in enumerate(scene.further_dampers):
-        diameter, modes = 2.0 * (one.radius or scene.grain.radius), 1 + len(scene.further_modes)
-        if one.height < diameter:
-            allowed = f"at least the grain's diameter 2 r = {diameter:g} m"
-            yield impossible(f"further_dampers[{k}].height", one.height, allowed)
-        if one.shapes is not None and len(one.shapes) != modes:
-            allowed = f"{modes} numbers, for beam and each of further_modes"
-            yield impossible(f"further_dampers[{k}].shapes", list(one.shapes), allowed)
-    if len(scene.dampers) > _MOST_GRAINS:
-        yield impossible("further_dampers", Words(f"{len(scene.dampers)} grains in all"), f"at most {_MOST_GRAINS}")
 
 
 def _initial_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:

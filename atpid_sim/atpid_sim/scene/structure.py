@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeGuard
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, model_validator
 
 from atpid_sim.fields import (
     Damping,
@@ -106,26 +106,9 @@ class Grain(SceneBlock):
     @classmethod
     def _alone(cls, given: Any) -> Any:
         if isinstance(given, Mapping) and "count" in given:
-            allowed = "one grain in a cell; grains that touch each other are left out: give cells as further_dampers"
+            allowed = "one grain: grains that touch each other are left out"
             raise impossible("count", given["count"], allowed)
         return given
-
-
-_Shape = Annotated[Number, within(-1e3, 1e3)]
-
-
-class FurtherDamper(SceneBlock):
-    """A damper, or several alike, beside the first: a cell of its own with one grain and a fixed ceiling."""
-
-    mass_fraction: Fraction = Field(description="grain mass over the mass of beam and this grain together [-]")
-    height: Length = Field(description="of the ceiling above the floor [m]")
-    radius: Length | None = Field(default=None, description="grain radius [m]; default: that of grain")
-    shapes: tuple[_Shape, ...] | None = Field(
-        default=None,
-        description="displacement there over that at the first container, in beam and each further mode [-]; default: "
-        "1 each, in the same container",
-    )
-    count: Annotated[int, Strict(), Field(ge=1, le=200)] = Field(default=1, description="so many alike [-]")
 
 
 class Container(SceneBlock):

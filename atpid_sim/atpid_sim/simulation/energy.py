@@ -3,16 +3,12 @@
 """The energy ledger of a run: where the work of the support went."""
 
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact
-from atpid_sim.modal import ModeSet
 from atpid_sim.results import Labelled, in_unit
 from atpid_sim.system import Array, System, structure_of
 
@@ -35,33 +31,30 @@ class Ledger(Labelled):
     labels = in_unit("J", "input beam_loss contact_loss ceiling_work stored")
 
 
-def ledger_of(
-    system: System, contact: Contact, table: Array, first: State, last: State, further: Array | None = None
-) -> Ledger:
-    """Return the ledger between two states of a run through `table`; further: masses of further grains (k,) [kg]."""
+def ledger_of(system: System, contact: Contact, table: Array, first: State, last: State) -> Ledger:
+    """Return the ledger between two states of a run through `table`."""
     start_u, end_u = (drive.support_displacement(table, state.time) for state in (first, last))
     work, beam_loss, contact_loss, ceiling = (
         float(last.y[k] - first.y[k])
         for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
     )
     stored = stored_energy(system, last, end_u) - stored_energy(system, first, start_u)
-    left = contact_energy(contact, system, last, table)
-    if further is not None:
-        left += _stored_further(system, further, last.y) - _stored_further(system, further, first.y)
-    stored += left
+    stored += contact_energy(contact, system, last, table)
     sprung = max(_sprung(system, first.y, start_u), _sprung(system, last.y, end_u))
     residual = relative_residual(work, beam_loss, contact_loss, ceiling, stored, sprung)
-    return Ledger(work, beam_loss, contact_loss, ceiling, stored, float(residual))
+    return Ledger(work, beam_loss, contact_loss, ceiling, stored, residual)
 
 
-def relative_residual(work: Any, beam_loss: Any, contact_loss: Any, ceiling: Any, stored: Any, sprung: Any) -> Any:
-    """Return what does not add up (...) [-]: of flows (...) [J] and the change of the stored energy (...) [J].
+def relative_residual(
+    work: float, beam_loss: float, contact_loss: float, ceiling: float, stored: float, sprung: float
+) -> float:
+    """Return what does not add up [-]: of flows [J] and the change of the stored energy [J].
 
-    It is relative to all of them and to `sprung` (...) [J], the largest energy of the spring at either end.
+    It is relative to all of them and to `sprung` [J], the largest energy of the spring at either end.
     """
     turnover = sum(abs(flow) for flow in (work, beam_loss, contact_loss, ceiling)) + abs(stored) + sprung
     gap = stored - (work - beam_loss - contact_loss + ceiling)
-    return gap / np.where(turnover > 0.0, turnover, 1.0)
+    return float(gap / turnover if turnover > 0.0 else gap)
 
 
 def stored_energy(system: System, state: State, support: float) -> float:
@@ -73,9 +66,10 @@ def stored_energy(system: System, state: State, support: float) -> float:
     beam, velocity, grain, grain_velocity = y[[columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN,
                                                columns.GRAIN_VELOCITY]]  # fmt: skip
     if system.modes is not None:
-        states = _mode_states(y, system.modes.shape[1])
-        own = _stored_by_mode(structure_of(system, held=False), states).sum()
-        return float(own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain))
+        modes, states = structure_of(system, held=False), _mode_states(y, system.modes.shape[1])
+        q, rate = states[:, columns.Q], states[:, columns.Q_RATE]
+        own = 0.5 * modes.mass * rate**2 + 0.5 * modes.stiffness * q**2 + modes.mass * modes.gravity * q
+        return float(own.sum() + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain))
     stretch = beam - support
     return float(
         0.5 * system.beam_mass * velocity**2
@@ -93,34 +87,10 @@ def _sprung(system: System, y: Array, support: float) -> float:
     return float(0.5 * system.stiffness * (y[columns.BEAM] - support) ** 2)
 
 
-def _stored_further(system: System, masses: Array, y: Array) -> float:
-    """Return kinetic and potential energy of further grains, of their masses (k,) [kg], in a state [J]."""
-    grains = y[columns.STATE_SIZE + columns.MODE_COLUMNS * system.modes.shape[1] :].reshape(-1, columns.GRAIN_COLUMNS)
-    place, speed = grains[1:, columns.G_PLACE], grains[1:, columns.G_SPEED]
-    return float(masses @ (0.5 * speed**2 + system.gravity * place))
-
-
 def _mode_states(y: Array, modes: int) -> Array:
     """Return the modes' part (modes, MODE_COLUMNS) of a state (n,)."""
     part = y[columns.STATE_SIZE : columns.STATE_SIZE + modes * columns.MODE_COLUMNS]
     return part.reshape(-1, columns.MODE_COLUMNS)
-
-
-def _stored_by_mode(modes: ModeSet, states: Array) -> Array:
-    """Return kinetic, elastic and potential energy of each mode (modes,) [J]."""
-    q, rate = states[:, columns.Q], states[:, columns.Q_RATE]
-    stored: Array = 0.5 * modes.mass * rate**2 + 0.5 * modes.stiffness * q**2 + modes.mass * modes.gravity * q
-    return stored
-
-
-def mode_residuals(modes: ModeSet, first: State, last: State) -> Array:
-    """Return what does not add up in each mode's ledger (modes,), relative to its flows and its largest energy."""
-    begun, ended = (_mode_states(state.y, len(modes.mass)) for state in (first, last))
-    work, lost, contact = ((ended - begun)[:, k] for k in (columns.Q_INPUT, columns.Q_LOSS, columns.Q_CONTACT))
-    stored = _stored_by_mode(modes, ended) - _stored_by_mode(modes, begun)
-    sprung = 0.5 * modes.stiffness * np.maximum(begun[:, columns.Q], ended[:, columns.Q]) ** 2
-    residual: Array = relative_residual(work, lost, -contact, np.zeros(len(work)), stored, sprung)
-    return residual
 
 
 def contact_energy(contact: Contact, system: System, state: State, table: Array) -> float:

@@ -13,18 +13,18 @@ omega T, T the depth of an impact over its speed, exceeds it in 54 of 55 (docs/d
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine.detachment import static_overlap
-from atpid_sim.kernel_inputs import contact_of, system_of, systems_of
+from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.root import root
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.integration import FIDELITIES, is_closed, undamped_amplitude
-from atpid_sim.system import System, reduced_mass
+from atpid_sim.system import reduced_mass
 
 #: Relative error of the amplitude over relative depth, measured: of instantaneous impacts, of the closed damper.
 _IMPACT_ERROR, _CLOSED_ERROR = 0.5, 2.0
@@ -40,8 +40,6 @@ _COMPLIANT_CLOSED_SHARE = 0.2
 _CLOSED_DECAY_SHARE = 0.5
 #: Clearance over the radius below which the grain is held, as the engine has it.
 _HELD_CLEARANCE = 1e-5
-#: What else is left out where grains are several.
-_TOGETHER = "; what impacts within the duration of one do to each other"
 #: Logarithms of the least and largest depth [m] considered.
 _SHALLOW, _DEEP = -60.0, 10.0
 
@@ -64,13 +62,6 @@ def choose(
     it does. undamped: amplitude of the closed damper [m], computed where it is not given and needed. Raises ValueError
     for an unknown name.
     """
-    if scene.further_dampers:
-        if fidelity not in ("auto", "impact"):
-            raise ValueError(
-                f"fidelity {fidelity}: given with further_dampers; allowed: auto, impact (docs/dampers.md)"
-            )
-        choice = _described(scene, "impact", undamped)
-        return choice if choice.model_error == 0.0 else replace(choice, left_out=f"{choice.left_out}{_TOGETHER}")
     if fidelity == "auto" and scene.modes is not None and not is_closed(scene):
         return _described(scene, complete_fidelity(scene), undamped)  # what a contact does to fast modes has no bound
     if fidelity == "auto":
@@ -119,9 +110,7 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
-    grains = sum(one.grain_mass for one in scene.dampers)
-    fraction = grains / (grains + scene.beam.mass) if scene.further_dampers else scene.grain.mass_fraction
-    more = max(1.0, _GRAIN_MASS_FACTOR * fraction)
+    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
     if not scene.excitation.is_tone or scene.frequency_moves:
         more *= _UNSTEADY_FACTOR
     speed = 2.0 * math.pi * scene.frequency_hz * amplitude
@@ -198,13 +187,9 @@ def _held_overlap(scene: Scene, amplitude: float) -> float:
 
 
 def _depth(scene: Scene, speed: float) -> float:
-    """Return the largest overlap [m] of an impact at `speed` [m/s], of any of the dampers."""
-    return max(_depth_in(scene, system, speed) for system in systems_of(scene))
-
-
-def _depth_in(scene: Scene, system: System, speed: float) -> float:
-    law, p = contact_of(scene, system)
-    kinetic = 0.5 * reduced_mass(system) * speed * speed
+    """Return the largest overlap [m] of an impact at `speed` [m/s]."""
+    law, p = contact_of(scene)
+    kinetic = 0.5 * reduced_mass(system_of(scene)) * speed * speed
 
     def excess(log_depth: float) -> float:
         depth = math.exp(log_depth)

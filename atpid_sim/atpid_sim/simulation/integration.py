@@ -17,9 +17,8 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.sections import Sections, sections_of
-from atpid_sim.engine.several_dampers import integrate_dampers
 from atpid_sim.engine.state import State
-from atpid_sim.kernel_inputs import Contact, contact_of, dampers_of, system_of
+from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.modal import coupling, resting, static_response
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
@@ -27,7 +26,6 @@ from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
-from atpid_sim.simulation.further_grains import displace, with_further_grains
 from atpid_sim.system import Array, System, structure_of
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
@@ -50,14 +48,14 @@ _MOST_COUPLED = 0.5
 _NEGLIGIBLE = 1e-8
 
 
-def sample_series(count: int, further: int = 0) -> Array:
-    """Return an empty series for `count` samples, and so many further grains."""
-    return np.zeros((columns.SAMPLE_ROWS + further, count))
+def sample_series(count: int) -> Array:
+    """Return an empty series for `count` samples."""
+    return np.zeros((columns.SAMPLE_ROWS, count))
 
 
-def impact_log(capacity: int, several: bool = False) -> Array:
-    """Return an empty log for `capacity` impacts, with the number of the damper where they are several."""
-    return np.zeros((capacity, columns.IMPACT_COLUMNS + several))
+def impact_log(capacity: int) -> Array:
+    """Return an empty log for `capacity` impacts."""
+    return np.zeros((capacity, columns.IMPACT_COLUMNS))
 
 
 class Observation(NamedTuple):
@@ -127,24 +125,13 @@ class Integration:
                 f"fidelity {fidelity}: the contact law impact has no force to integrate; "
                 "use fidelity impact, or another law"
             )
-        several = bool(self.scene.further_dampers)
-        if several and fidelity in ("finite", "soft"):
-            raise ValueError(
-                f"fidelity {fidelity}: given with further_dampers; allowed: auto, impact (docs/dampers.md)"
-            )
-        if (
-            fidelity == "impact"
-            and not several
-            and self.scene.modes is not None
-            and coupling(self.scene.modes) > _MOST_COUPLED
-        ):
+        if fidelity == "impact" and self.scene.modes is not None and coupling(self.scene.modes) > _MOST_COUPLED:
             raise ValueError(
                 "fidelity impact: the damping of the modes couples them while the grain is held, by "
                 f"{coupling(self.scene.modes):.2g} of what keeps them apart; allowed: at most {_MOST_COUPLED:g}; "
                 "use fidelity soft and a contact law with a force"
             )
         self.fidelity, self.rtol = fidelity, rtol
-        self._dampers = dampers_of(self.scene) if several and fidelity == "impact" else None
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
 
@@ -189,13 +176,11 @@ class Integration:
         state = State.resting(beam + disturbance * size, initial.velocity, modes)
         if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
             state.release_grain(initial.grain_height, initial.grain_speed)
-        return state if self._dampers is None else with_further_grains(state, self._dampers, disturbance * size)
+        return state
 
     def disturb(self, state: State, by: float) -> None:
-        """Displace beam and grain [m], and each further grain by another part."""
+        """Displace beam and grain [m]."""
         state.y[[columns.BEAM, columns.GRAIN]] += by
-        if self._dampers is not None:
-            displace(state, self._dampers, by)
 
     @property
     def resting_modes(self) -> Array | None:
@@ -240,13 +225,6 @@ class Integration:
             limit = self._limit(table)
         law, parameters = self.contact
         seen = observation
-        if self._dampers is not None:
-            return Outcome(
-                integrate_dampers(
-                    table, self._dampers, state.y, state.n, seen.window, (seen.first, seen.period), seen.samples,
-                    seen.impacts, limit,
-                )
-            )  # fmt: skip
         return Outcome(
             integrate(
                 self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, state.y, state.n,
@@ -326,8 +304,7 @@ class Integration:
 
     def ledger(self, first: State, last: State, table: Array) -> Ledger:
         """Return the energy ledger between two states of a run through `table`."""
-        further = None if self._dampers is None else self._dampers.table[1:, columns.GRAIN_MASS]
-        return ledger_of(self.system, self.contact, table, first, last, further)
+        return ledger_of(self.system, self.contact, table, first, last)
 
 
 def failure_at(outcome: Outcome, state: State) -> str:
@@ -344,9 +321,7 @@ def rtol_of(scene: Scene) -> float:
 
 
 def is_closed(scene: Scene) -> bool:
-    """Return whether the ceiling, of all dampers, holds the grain during the whole run."""
-    if any(one.height > 2.0 * one.radius * (1.0 + 1e-9) for one in scene.dampers[1:]):
-        return False
+    """Return whether the ceiling holds the grain during the whole run."""
     return bool(_closed(scene, max(height for _, height in scene.ceiling.heights)))
 
 

@@ -31,7 +31,7 @@ def write_series(motion: Trajectory, path: Path, drive: Drive) -> None:
         "beam_acceleration": motion.beam_acceleration,
         "grain_displacement": motion.grain,
         "ceiling_height": motion.ceiling,
-    } | {f"grain_displacement_{k}": grain for k, grain in enumerate(motion.further_grains, 2)}
+    }
     with writing(path, "--series"):
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:

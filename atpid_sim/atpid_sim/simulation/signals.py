@@ -10,7 +10,7 @@ import numpy as np
 from atpid_sim.engine import columns, drive
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import SceneError
-from atpid_sim.scene.density import Density, band_power
+from atpid_sim.scene.drives import Density, band_power
 from atpid_sim.scene.series import smooth_rise
 from atpid_sim.system import Array
 

@@ -59,7 +59,7 @@ class Result(Labelled):
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
     motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling; random, tones, recorded, shock: as driven
-    impacts: int  # of all dampers
+    impacts: int
     floor_impacts: int
     ceiling_impacts: int
     fidelity: str
@@ -95,7 +95,6 @@ class Result(Labelled):
     deflection: float = math.nan  # of a shock: the beam's largest against the support in the steady window [m]
     undamped_deflection: float = math.nan  # the same with the damper closed [m]
     bare_deflection: float = math.nan  # and without the damper [m]
-    impacts_per_damper: tuple[int, ...] = ()  # where there are several
     warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
     labels = (
@@ -123,14 +122,13 @@ class Trajectory(Drawn):
     grain: Array
     ceiling: Array
     impacts: NDArray[Any]  # with the columns of `results.IMPACT`
-    further_grains: Array  # displacements (k, n) [m]
     support_unit: str = "m"  # N: of a force that drives instead
 
     labels = (
         in_unit("s", "time", "time") | in_unit("m", "beam grain ceiling", "time")
         | in_unit("support_unit", "support", "time")
         | in_unit("m/s", "beam_velocity", "time") | in_unit("m/s^2", "beam_acceleration", "time")
-        | in_unit("m", "further_grains", "further_grain time") | in_unit("", "impacts", "impact")
+        | in_unit("", "impacts", "impact")
     )  # fmt: skip
     drawn = ("beam", "grain")
 
@@ -182,7 +180,6 @@ def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, ch
         wall_s=wall,
         result=Outcome.DONE.sentence,
         reproducible_for=verdict.change,
-        impacts_per_damper=tuple(int(floor + ceiling) for floor, ceiling in last.hits_per_damper),
         resonance=scene.natural_frequency_hz,
         bare_amplitude=bare,
         reduction=reduction,
@@ -197,8 +194,7 @@ def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: 
     """Return the verdict on a run of so many steps, its error with what the fidelity level leaves out."""
     errors = judged_errors(integration.scene, choice, undamped)
     verdict = judge(integration, amplitude, steps, *errors)
-    alone = not integration.scene.further_dampers
-    if alone and choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
+    if choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
         return cross_check_with_finite(integration, amplitude, verdict, choice, undamped)
     return replace(verdict, error=verdict.error + choice.model_error)
 
@@ -221,14 +217,12 @@ def trajectory(
         times, period = _even(t_eval, scene.duration)
     else:
         times, period = np.arange(math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1) / rate, 1.0 / rate
-    further = len(scene.dampers) - 1
-    samples, log = sample_series(len(times), further), impact_log(_LOG, further > 0)
-    seen = Observation(first=float(times[0]), period=period, samples=samples, impacts=log)
+    samples = sample_series(len(times))
+    seen = Observation(first=float(times[0]), period=period, samples=samples, impacts=impact_log(_LOG))
     run = integration.run(seen, drive_table(scene))
-    support, beam, velocity, acceleration, grain, ceiling = run.samples[: columns.SAMPLE_ROWS]
-    others, impacts = run.samples[columns.SAMPLE_ROWS :], named_impacts(run.impacts)
-    unit = scene.driven_by.unit
-    return Trajectory(times[: len(beam)], support, beam, velocity, acceleration, grain, ceiling, impacts, others, unit)
+    support, beam, velocity, acceleration, grain, ceiling = run.samples
+    impacts, unit = named_impacts(run.impacts), scene.driven_by.unit
+    return Trajectory(times[: len(beam)], support, beam, velocity, acceleration, grain, ceiling, impacts, unit)
 
 
 def _even(t_eval: ArrayLike | None, duration: float) -> tuple[Array, float]:
@@ -275,12 +269,8 @@ def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> s
     driven = not scene.excitation.is_free
     if driven and amplitude > negligible_displacement(scene) and _period_variation(samples, amplitude) > _IRREGULAR:
         return "irregular"
-    kinds = {_kind(floor, ceiling, time / window, periods) for floor, ceiling, time in state.contacts_per_damper}
-    return kinds.pop() if len(kinds) == 1 else "mixed"
-
-
-def _kind(floor: int, ceiling: int, touching: float, periods: float) -> str:
-    """Return no_ceiling, optimal, sticking or mixed of a damper, by impacts in the window and share in contact."""
+    floor, ceiling = int(state.n[columns.WINDOW_FLOOR]), int(state.n[columns.WINDOW_CEILING])
+    touching = float(state.y[columns.CONTACT_TIME]) / window
     if ceiling == 0:
         return "no_ceiling" if floor > 0 else "sticking"
     if abs(floor - periods) <= 1.0 and abs(ceiling - periods) <= 1.0 and touching < _STICKING:

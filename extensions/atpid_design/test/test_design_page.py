@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 from documented import ROOT, code
 from page_visit import visited
-from test_figures import differences
+from test_figures import differences, numbers_in
 
 from atpid_control.cli import main
 from atpid_control.views.report import report
-from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
