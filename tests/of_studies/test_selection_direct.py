@@ -1,26 +1,25 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Selectors: `direct`, its search and margin, and the learned one, against brute force and beyond their ranges."""
+"""Selectors: `direct`, its search and margin, against brute force and beyond their ranges."""
 
 import math
 import re
 import threading
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import settings
 from sim_refusals import has_parts, refused
+from studies.off_resonance.command import METHODS
+from studies.off_resonance.measure import compared, modal_systems
+from studies.random_selection import Drawn, draw, measured, scene_of
 
-from atpid_control.cli import main
 from atpid_control.loop.settings import selector_of
-from atpid_control.selection import Excitation, SelectionError, learning, make_selector
+from atpid_control.selection import Excitation, SelectionError, make_selector
 from atpid_control.selection.deadline import Deadline, OutOfTimeError
 from atpid_control.selection.direct import DirectSelector, guaranteed
-from atpid_control.selection.height_model import SHARE, HeightModel, ModelError, inputs_of
-from atpid_control.selection.learned import LearnedSelector
 from atpid_control.selection.margin import Robust, robust_height
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.uncertain import MarginBox, points, systems_of
@@ -32,9 +31,6 @@ from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import undamped_amplitude
 from atpid_sim.system import reduced_mass
 from studies.figures.selection import margin_curve, pca_errors
-from studies.off_resonance.command import METHODS
-from studies.off_resonance.measure import compared, modal_systems
-from studies.random_selection import Drawn, draw, measured, scene_of
 from studies.thorough_search import thorough_best
 
 ROOT = Path(__file__).parents[2]
@@ -384,122 +380,3 @@ def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
     damper = DamperResponse(scene, 1e-5)
     assert thorough_best(damper, 0.002).height == pytest.approx(0.0434, rel=0.01)
     assert best_height(damper, 0.002).height == pytest.approx(0.0434, rel=0.02)  # in steps of a hundredth
-
-
-MODEL = ROOT / "atpid_control/config/learned/heights.npz"
-
-
-@pytest.fixture(scope="module")
-def model() -> HeightModel:
-    return HeightModel.load(MODEL)
-
-
-@pytest.fixture(scope="module")
-def bench() -> Scene:
-    return load_scene(ROOT / "scenes/thesis_4_3.yaml")
-
-
-@pytest.mark.parametrize(
-    ("name", "amplitude"), [("thesis_4_3", 0.012), ("thesis_4_3", 0.05), ("stiff_beam", 0.002), ("stiff_beam", 0.005)]
-)
-def test_the_height_is_a_little_below_the_best(model: HeightModel, name: str, amplitude: float) -> None:
-    scene = load_scene(ROOT / f"scenes/{name}.yaml")  # soft contacts, which the training has not seen
-    damper = DamperResponse(scene, 1e-5)
-    chosen, best = LearnedSelector(scene, model).select(Excitation(amplitude)), thorough_best(damper, amplitude)
-    share = (chosen.height - damper.diameter) / (best.height - damper.diameter)
-    assert share == pytest.approx(SHARE, abs=0.035)
-    clearance = (chosen.height - damper.diameter) / damper.ballistic_clearance(amplitude)
-    there = learning.remaining_at(damper, amplitude, clearance)
-    assert 1.0 - chosen.efficiency == pytest.approx(there, abs=0.04)
-    assert chosen.beam_amplitude == pytest.approx(there * damper.closed_amplitude(amplitude), rel=0.25)
-    assert there < 1.0 - best.efficiency + 0.04
-
-
-def test_a_margin_takes_the_lower_end_and_its_price_is_unknown(model: HeightModel, bench: Scene) -> None:
-    selector = LearnedSelector(bench, model)
-    safe = selector.select(Excitation(0.02, 0.001), 3.0)
-    assert safe.height == selector.select(Excitation(0.017)).height
-    assert math.isnan(safe.price)
-    # not below what the model covers
-    assert selector.select(Excitation(0.02, 0.02), 1.0).height < selector.select(Excitation(0.0075)).height
-
-
-def test_the_shipped_errors_are_those_of_the_shipped_systems(model: HeightModel) -> None:
-    again = learning.with_errors(model, lambda done: None).errors
-    assert [row["left_out"] for row in again] == [row["left_out"] for row in model.errors]
-    for now, kept in zip(again, model.errors, strict=True):
-        assert now["systems"] == kept["systems"]
-        for name, error in (("clearance", 0.02), ("above", 0.02), ("amplitude", 0.02), ("lost", 0.005)):
-            assert now[name] == pytest.approx(kept[name], abs=error)
-        assert now["clearance"][0] < 0.01
-        assert now["lost"][0] < 0.03
-
-
-def test_a_system_drawn_has_the_inputs_it_was_drawn_with(model: HeightModel) -> None:
-    assert model.inputs[:8] == pytest.approx(learning.draw(1024)[:8])
-    assert (model.inputs >= learning.LOWEST).all()
-    assert (model.inputs <= learning.HIGHEST).all()
-    row = slice(0, 1)  # the shipped model, as the shipped map, was made with the thorough search
-    again = learning.train(model.inputs[row], lambda done: None, thorough_best)
-    assert again.clearances == pytest.approx(model.clearances[row], rel=1e-6)
-    for inputs in learning.draw(32)[:5]:
-        drawn = learning.system_of(inputs)
-        damper = DamperResponse(drawn.scene, 1e-5)
-        assert inputs_of(drawn.scene, damper, drawn.amplitude) == pytest.approx(inputs, rel=1e-9)
-
-
-def test_the_command_trains_a_model_that_selects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["learn", "--out", str(tmp_path), "--systems", "32"]) == 0
-    file, other = tmp_path / "heights.npz", ROOT / "scenes/stiff_beam.yaml"
-    assert main(["select", str(other), "--method", "learned", "--map", str(file)]) == 0
-    capsys.readouterr()
-    assert main(["learn", "--out", str(tmp_path), "--systems", "5"]) == 2
-    has_parts(capsys.readouterr().err.removesuffix("\n"), ("--systems", "5", "32", "4096"))
-    # coarse, but of the same physics
-    scene, small = load_scene(other), HeightModel.load(file)
-    best = thorough_best(DamperResponse(scene, 1e-5), 0.004).height
-    assert LearnedSelector(scene, small).select(Excitation(0.004)).height == pytest.approx(best, rel=0.15)
-
-
-def test_a_file_that_is_no_model_is_one_line(model: HeightModel, tmp_path: Path) -> None:
-    saved = tmp_path / "copy.npz"
-    model.save(saved)
-    read = HeightModel.load(saved)
-    assert np.array_equal(read.predict(model.inputs[:5]), model.predict(model.inputs[:5]))
-    assert read.errors == model.errors
-    text, cut, pickled, damaged = (tmp_path / f"{name}.npz" for name in ("text", "cut", "pickled", "damaged"))
-    text.write_text("no model")
-    cut.write_bytes(saved.read_bytes()[:1000])
-    np.savez(pickled, about=np.array({"format": 1}, dtype=object))
-    HeightModel(model.inputs, model.clearances[:3], model.remaining, model.drawn_from).save(damaged)
-    maps = ROOT / "atpid_control/config/maps/standard.npz"
-    for path in (text, cut, pickled, damaged, maps, tmp_path / "none.npz"):
-        with refused(ModelError, path.name, "learn"):
-            HeightModel.load(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "parts"),
-    [
-        ({"mass_fraction": 0.02}, "mass fraction 0.02"),
-        ({"beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 3.0}}, "damping ratio"),
-        ({"contact": {"law": "impact", "restitution": 0.9}}, "restitution 0.9"),
-        ({"frequency": 6.0}, "frequency 6 Hz"),
-    ],
-)
-def test_a_system_beyond_the_range_is_refused(
-    model: HeightModel, bench: Scene, change: dict[str, Any], parts: str
-) -> None:
-    with refused(SelectionError, *parts.split(), "direct"):
-        LearnedSelector(bench.with_(**change), model)
-
-
-def test_an_excitation_beyond_the_range_is_refused(model: HeightModel, bench: Scene) -> None:
-    selector = LearnedSelector(bench, model)
-    for amplitude in (0.005, 0.5):
-        with refused(SelectionError, "0.007279", "0.182 m"):
-            selector.select(Excitation(amplitude))
-    with refused(SelectionError, "frequency", "6 Hz"):
-        selector.select(Excitation(0.02, frequency=6.0))
-    near = selector.select(Excitation(0.02, frequency=1.02 * bench.frequency_hz))
-    assert near.height == selector.select(Excitation(0.02)).height
