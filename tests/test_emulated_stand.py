@@ -24,6 +24,7 @@ import pytest
 import yaml
 from graph_runs import scene_file, wait_until
 from motor_rigs import words
+from studies.watched_stand import Terminal
 from test_graph_force import CHANGES, FORCE
 
 from atpid_control.analysis.signals import signals_of
@@ -41,7 +42,6 @@ from atpid_control.stand.processes import Processes
 from atpid_control.stand.running import commands_of
 from atpid_driver.emulator import Emulator, missing_tools
 from atpid_sim.scene import load_scene
-from studies.watched_stand import Terminal
 
 #: What changes in the thesis's scene, and the amplitude of what drives it: a support that a laser reads, or a force,
 #: so that the device reads a load cell beside a laser.

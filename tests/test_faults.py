@@ -17,6 +17,8 @@ import pytest
 import yaml
 from graph_runs import in_real_time
 from hypothesis import settings
+from studies.fault_matrix.paced import Paced, Sample
+from studies.fault_matrix.sequences import EARLIEST, LATEST, drawn
 
 from atpid_common.channel_monitor import ChannelState
 from atpid_common.injected_faults import KINDS, LOCKSTEP, PARTS, FaultError, Injected, overlapping, parsed
@@ -31,9 +33,7 @@ from atpid_sim.system import Array
 from studies.cli import main
 from studies.fault_matrix import command, paced, sequences
 from studies.fault_matrix.journal import Journal
-from studies.fault_matrix.paced import Paced, Sample
 from studies.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
-from studies.fault_matrix.sequences import EARLIEST, LATEST, drawn
 
 LONG = settings.get_current_profile_name() == "long"
 #: How faults are detected, where that is more than the matrix itself requires: part, kind, event, latest [s].

@@ -33,7 +33,6 @@ EXAMPLES = {
 #: Examples that are run since they take no more than seconds, and a word of what each prints.
 QUICK = {
     ("atpid", "simulate"): "efficiency",
-    ("python -m studies", "sweep"): "500",
     ("atpid", "select"): "pca",
     ("python -m studies", "thesis"): "free_decay",
     ("atpid", "bag report"): "report.html",

@@ -25,7 +25,6 @@ from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.running import commands_of, run_realtime
 from atpid_control.stand.security import OPERATOR, Rights
 from atpid_control.views.traces.server import Server, ServerError
-from studies.soak.measure import family
 
 #: Height the intruder commands [m]; the scene's own heights are others.
 FOREIGN = 0.95
@@ -131,7 +130,7 @@ class Intruder:
                 self.commands.publish(CeilingCommand(height=FOREIGN, sequence=1))
                 self.sent += 1
         elif set(self.spun.node.get_node_names()) >= NODES:
-            self.watched.received_on = {str(process): addresses(process) for process in family()[1:]}
+            self.watched.received_on = {str(process): addresses(process) for process in below(os.getpid())}
             self.watched.opened = {name: policy.opened(self.spun.node, name) for name in sorted(NODES)}
             self.close()
 
@@ -142,6 +141,13 @@ class Intruder:
         if self.spun is not None and not self.finished:
             self.spun.close()
         self.finished = True
+
+
+def below(process: int) -> list[int]:
+    """Return the processes below this one."""
+    tasks = Path(f"/proc/{process}/task").iterdir()
+    children = [int(child) for task in tasks for child in (task / "children").read_text().split()]
+    return children + [each for child in children for each in below(child)]
 
 
 def addresses(process: int) -> set[str]:

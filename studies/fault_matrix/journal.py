@@ -3,14 +3,12 @@
 """The rows of a matrix that were run, in a folder: a run that was interrupted is taken up again."""
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from atpid_common.errors import InputError
-from studies.fault_matrix.paced import Paced, PacedRow, Sample
-from studies.fault_matrix.run import Row, Seen, in_lockstep
+from studies.fault_matrix.run import Row, Seen
 
 _NAME = "rows.jsonl"
 
@@ -21,7 +19,7 @@ class Journal:
     def __init__(self, folder: Path) -> None:
         """Take up the rows in `folder`. Raises InputError where something else is in it."""
         self._file = folder / _NAME
-        self.rows: dict[tuple[str, str], Row | PacedRow] = {}
+        self.rows: dict[tuple[str, str], Row] = {}
         if not self._file.exists() and any(folder.iterdir()):
             raise InputError(f"--out: given {folder}, which has files but no rows of a matrix; give another folder")
         if self._file.exists():
@@ -29,32 +27,14 @@ class Journal:
                 self._take(json.loads(line))
         self._file.touch()
 
-    def add(self, row: Row | PacedRow) -> None:
+    def add(self, row: Row) -> None:
         """Keep a row."""
         self.rows[row.part, row.kind] = row
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps(asdict(row)) + "\n")
 
-    def reference(self, part: str, run: Callable[[], Paced]) -> Paced:
-        """Return the run in real time without faults of `part`: the one kept, or that of `run`, which is kept."""
-        file = self._file.with_name(f"without-{part}.json")
-        if not file.exists():
-            paced = run()
-            file.write_text(json.dumps(asdict(paced) | {"bag": str(paced.bag)}), encoding="utf-8")
-            return paced
-        kept = json.loads(file.read_text(encoding="utf-8"))
-        return Paced(
-            bag=Path(kept["bag"]),
-            events=[Seen(**one) for one in kept["events"]],
-            looks=[Sample(**one) for one in kept["looks"]],
-            reported=[(moment, height) for moment, height in kept["reported"]],
-            error=kept["error"],
-        )
-
     def _take(self, values: dict[str, Any]) -> None:
         for name in ("detected", "recovered"):
             values[name] = None if values[name] is None else Seen(**values[name])
-        if "broken" in values:
-            values["broken"] = tuple(values["broken"])
-        row = Row(**values) if in_lockstep(values["part"]) else PacedRow(**values)
+        row = Row(**values)
         self.rows[row.part, row.kind] = row

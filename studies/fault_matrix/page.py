@@ -4,15 +4,13 @@
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import yaml
 
-from atpid_common.injected_faults import FAULT_KINDS, LINK, PARTS
-from studies.fault_matrix import paced
-from studies.fault_matrix.paced import PacedRow
-from studies.fault_matrix.run import BEGIN, END, Row, in_lockstep
+from atpid_common.injected_faults import FAULT_KINDS, LOCKSTEP, PARTS
+from studies.fault_matrix.run import BEGIN, END, Row
 
 _INTRODUCTION = """\
 # Fault matrix
@@ -26,9 +24,10 @@ What is in DIR already is not run again. Times that are missing: nothing was rep
 
 Sensors, motor and clock are run in lockstep: the standard bench at 0.03 m, 0.02 m from 7 s on; the
 fault is there from {begin:g} to {end:g} s. *Height apart*: the largest difference of the commanded height
-while the fault is there. Serial link and recorder are run in real time, at 0.03 m, the fault from
-{paced:g} to {over:g} s, while the ceiling is on its way: the link on the emulated stand, with the real
-firmware, whose own state is looked at every 20 ms; the recorder as a process, whose file is.
+while the fault is there. Serial link and recorder were run in real time, at 0.03 m, the fault from
+1.5 to 4.5 s, while the ceiling was on its way: the link on the emulated stand, with the real
+firmware, whose own state was looked at every 20 ms; the recorder as a process, whose file was.
+These tables were [made once](decisions/0066-studies-made-once.md).
 
 A scene injects faults by its key `faults` ([scenes](scenes.md)):
 
@@ -55,27 +54,13 @@ those of `events` in the bag; the state of each channel and clock is in `/diagno
 
 ## Random sequences
 
-    python -m studies faults --sequences 300 --faults 5 --seed 1 --out DIR
+300 sequences of five faults of random part, kind, value, begin and length (0.02 to 4 s), of several
+parts at once, in lockstep ([made once](decisions/0066-studies-made-once.md); a test runs one of them). After
+each: every state is a documented one, a latched fault has a name and the ceiling stands meanwhile,
+every block was answered once, the bag is whole and its [check](recording.md#what-a-bag-holds) silent,
+no log has a traceback; and once a person has armed the motor after the last fault, height and ceiling
+end within 10 % of where they do without faults.
 
-runs sequences of faults of random part, kind, value, begin and length (0.02 to 4 s), of several
-parts at once, in lockstep. After each: every state is a documented one, a latched fault has a name
-and the ceiling stands meanwhile, every block was answered once, the bag is whole and its
-[check](recording.md#what-a-bag-holds) silent, no log has a traceback; and once a person has armed
-the motor after the last fault, height and ceiling end within 10 % of where they do without faults.
-A sequence that fails is printed with its number and faults, and its scene and bag stay in DIR.
-Those that passed are not run again, so that a long run can be taken up.
-
-"""
-
-
-_STOPS = """\
-### Stops on a line that fails
-
-What a stop (`STOP`, or `DISARM`: motor off) does while the line is in such a state, at any instant
-and after any heights, before the real firmware in its own time. A stop is on the wire within 30 ms
-of the call, no height follows it, and the answer to the caller is the board's state. Where no frame
-passes, the firmware's heartbeat switches off; *confirmed*: when the caller has it. Times in ms;
-empty: the motor was off already, or nothing was confirmed within 0.5 s.
 """
 
 
@@ -86,58 +71,51 @@ def remarks() -> dict[str, dict[str, str]]:
     return found
 
 
-def page(rows: Sequence[Row | PacedRow]) -> str:
-    """Return the page as Markdown."""
-    notes, lines = remarks(), [_INTRODUCTION.format(begin=BEGIN, end=END, paced=paced.BEGIN, over=paced.END)]
+def page(rows: Sequence[Row]) -> str:
+    """Return the page as Markdown; the tables of what needs real time were made once."""
+    notes, lines = remarks(), [_INTRODUCTION.format(begin=BEGIN, end=END)]
     for part in PARTS:
         lines += [f"## {part.replace('_', ' ').capitalize()}", ""]
         note = notes[part]
         text = f"Safe state: {note['safe']}. Recovery: {note['recover']}. Recorded: {note['recorded']}."
-        lines += [*textwrap.wrap(text, 100), "", _head(_COLUMNS if in_lockstep(part) else _PACED)]
-        of_part = [row for row in rows if row.part == part]
-        lines += [_line(row) if isinstance(row, Row) else _paced_line(row) for row in of_part]
-        for row in of_part:
-            if row.detected is None:
-                reason = notes["undetected"].get(f"{row.part} {row.kind}", "not detected")
-                found = f"- {row.kind} is not detected: {reason}."
-                lines += ["", *textwrap.wrap(found, 100, subsequent_indent="  ")]
-        lines.append("")
-        if part in LINK:
-            stops = files("studies.fault_matrix").joinpath("data/stops.md").read_text(encoding="utf-8")
-            lines += [_STOPS, stops]
+        lines += [*textwrap.wrap(text, 100), ""]
+        lines += _table(rows, part, notes["undetected"]) if part in LOCKSTEP else [_kept(part)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _kept(part: str) -> str:
+    return files("studies.fault_matrix").joinpath(f"data/{part}.md").read_text(encoding="utf-8")
+
+
+def _table(rows: Sequence[Row], part: str, undetected: Mapping[str, str]) -> list[str]:
+    """Return the table of a part, and why some of its faults are not detected."""
+    of_part = [row for row in rows if row.part == part]
+    lines = [f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|", *map(_line, of_part)]
+    for row in of_part:
+        if row.detected is None:
+            found = f"- {row.kind} is not detected: {undetected.get(f'{row.part} {row.kind}', 'not detected')}."
+            lines += ["", *textwrap.wrap(found, 100, subsequent_indent="  ")]
+    return [*lines, ""]
 
 
 _COLUMNS = (
     "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "height apart by [m]",
     "height as without it after [s]", "beam, against without [-]",
 )  # fmt: skip
-_PACED = (
-    "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "motor off after [s]",
-    "the run", "the bag",
-)  # fmt: skip
-
-
-def _head(columns: Sequence[str]) -> str:
-    return f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|"
 
 
 def _line(row: Row) -> str:
-    back = "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}"
-    return _cells(row, BEGIN, END, f"{row.moved:.3f}", back, f"{row.amplitude:.2f}")
-
-
-def _paced_line(row: PacedRow) -> str:
-    off = "" if math.isnan(row.motor_off) else f"{row.motor_off:.2f}"
-    bag = "is not whole: `verify` names it" if math.isnan(row.recorded) else f"{row.bag}, {row.recorded:.1f} s"
-    return _cells(row, paced.BEGIN, paced.END, off, "ends with a line" if row.error else "goes on", bag)
-
-
-def _cells(row: Row | PacedRow, begin: float, end: float, *more: str) -> str:
     meaning = FAULT_KINDS[row.part][row.kind]
     value = f" (value: {meaning.default:g} {meaning.unit})".replace(" -)", ")") if meaning.unit else ""
     found, ended = row.detected, row.recovered
-    detected = f"event `{found.kind}`" if found else "no"
-    after = f"{found.time - begin:.2f}" if found else ""
-    again = f"{ended.time - end:.2f}" if ended else ""
-    return f"| {' | '.join((row.kind, meaning.text + value, detected, after, again, *more))} |"
+    cells = (
+        row.kind,
+        meaning.text + value,
+        f"event `{found.kind}`" if found else "no",
+        f"{found.time - BEGIN:.2f}" if found else "",
+        f"{ended.time - END:.2f}" if ended else "",
+        f"{row.moved:.3f}",
+        "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}",
+        f"{row.amplitude:.2f}",
+    )
+    return f"| {' | '.join(cells)} |"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_common.injected_faults import CEILING, KINDS, LOCKSTEP, PARTS, TO_THE_SWITCH, Injected
+from atpid_common.injected_faults import CEILING, KINDS, LOCKSTEP, TO_THE_SWITCH, Injected
 from atpid_common.vocabulary import EventKind
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.read import Bag, open_bag
@@ -107,11 +107,9 @@ class Row:
     error: str
 
 
-def scene_with(
-    faults: tuple[Injected, ...], folder: Path, name: str, usual: dict[str, Any] = SCENE
-) -> tuple[Scene, Path]:
+def scene_with(faults: tuple[Injected, ...], folder: Path, name: str) -> tuple[Scene, Path]:
     """Return the matrix's scene with `faults`, and the file in `folder` it is written to."""
-    mapping = dict(usual)
+    mapping = dict(SCENE)
     if faults:
         mapping["faults"] = [{"part": fault.part, "kind": fault.kind, "from": fault.begin, "to": fault.end}
                              | ({} if math.isnan(fault.value) else {"value": fault.value})
@@ -123,8 +121,8 @@ def scene_with(
 
 
 def rows() -> list[tuple[str, str]]:
-    """Return the 56 rows: part and kind."""
-    return [(part, kind) for part in PARTS for kind in KINDS]
+    """Return the 42 rows: part and kind."""
+    return [(part, kind) for part in LOCKSTEP for kind in KINDS]
 
 
 def reference_of(part: str) -> tuple[Injected, ...]:
@@ -134,11 +132,6 @@ def reference_of(part: str) -> tuple[Injected, ...]:
     # with the same simulated ceiling, whose heights differ by rounding from those of the one without faults; a motor
     # that is slow for an instant while it stands raises no event
     return (Injected("motor", "slow", SCENE["duration"] - 0.01, SCENE["duration"]),)
-
-
-def in_lockstep(part: str) -> bool:
-    """Return whether the graph in lockstep can inject the faults of a part; others are injected in real time."""
-    return part in LOCKSTEP
 
 
 def run(faults: tuple[Injected, ...], folder: Path, name: str) -> Finished:

@@ -3,9 +3,8 @@
 """Scenes through the loop without the graph, each with many noises: height, efficiency and rumble of every stage."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.loop.step_back import DECAY, DECAY_SPAN
-from atpid_control.selection.map_cache import amplitudes_of, map_for
+from atpid_control.selection.map_cache import amplitudes_of
 from atpid_control.stand.parameters import Parameters
 from atpid_control.stand.parts import NODES
 from atpid_control.views.report.stages import WINDOW, constant_intervals
 from atpid_sim.maps import DamperResponse, HeightMap, MapEntry
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.excitation import amplitude_at
-from atpid_sim.simulation.journal import Record
 from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 from atpid_sim.system import Array
 from studies.pure_loop import LoopRun, controlled, run_loop
@@ -99,58 +96,6 @@ class SeedRun:
 def configured() -> Parameters:
     """Return the parameters of identifier and selector as their parameter files have them."""
     return {name: NODES[name].configured() for name in ("identifier_node", "selector_node")}
-
-
-def run_all(
-    scenes: Iterable[Path],
-    seeds: Iterable[int],
-    parameters: Parameters,
-    decibels: float | None = None,
-    progress: Progress | None = None,
-    workers: Workers = HERE,
-    journal: Path | None = None,
-) -> list[SeedRun]:
-    """Return every run, scene by scene, in processes of their own. Raises what `run_loop` does, BenchError for an unfit
-    scene, JournalError.
-
-    journal: file of the runs that are done, from which a run of the same scenes and settings goes on.
-    """
-    given, maps = list(scenes), {}
-    for path in given:
-        scene = load_scene(path)
-        # the map is the measure of rumble whatever method selects; made here, once, where there is none
-        ceiling = controlled(scene).model_dump(mode="json", exclude_none=True)
-        height_map = map_for(scene.with_(ceiling=ceiling | {"controller": "lookup"}))
-        assert height_map is not None
-        maps[path] = height_map
-    jobs = [(path, seed) for path in given for seed in seeds]
-    batch = Batch(partial(_run, parameters, decibels, maps), jobs, processes=True)
-    if journal is None:
-        return batch.run(workers, progress)
-    purpose = {
-        "scenes": {str(path): load_scene(path).to_mapping() for path in given}, "parameters": parameters,
-        "decibels": decibels,
-    }  # fmt: skip
-    record: Record[tuple[Path, int], SeedRun] = Record(
-        journal, purpose, lambda job: (str(job[0]), job[1]), asdict, _seed_run
-    )
-    done = batch.run(workers, progress, record)
-    record.finish()
-    return done
-
-
-def _seed_run(plain: Mapping[str, Any]) -> SeedRun:
-    return SeedRun(**{**plain, "stages": tuple(Stage(**stage) for stage in plain["stages"])})
-
-
-def _run(
-    parameters: Mapping[str, Mapping[str, Any]],
-    decibels: float | None,
-    maps: Mapping[Path, Path],
-    job: tuple[Path, int],
-) -> SeedRun:
-    """Run one scene with one seed; maps: the height map of each scene."""
-    return run_seed(*job, parameters, decibels, maps[job[0]])
 
 
 def run_seed(

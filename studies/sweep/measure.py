@@ -3,9 +3,7 @@
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 
 import time
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +14,6 @@ from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.heights import tables_at
 from atpid_sim.simulation.integration import Integration, failure_at
-from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: Runs of a chunk: its Python takes 0.2 ms, its runs 5 ms or more. Chunks are handed out one by one, so that a worker
@@ -42,7 +39,6 @@ class Sweep(NamedTuple):
     impacts: Array  # on floor and ceiling (n,)
     integration_s: Array  # of each, compiled: the mean of its chunk (n,) [s]
     wall_s: float
-    computed: int  # how many heights that took: the others were in the journal
 
     @property
     def residual(self) -> float:
@@ -59,14 +55,12 @@ def sweep(
     fidelity: str = "soft",
     progress: Progress | None = None,
     workers: Workers = HERE,
-    journal: Path | None = None,
 ) -> Sweep:
     """Simulate a scene at `count` heights [m], each once.
 
     A ceiling that moves goes to the height in its last ramp, a fixed one is put there. What the runs have in
-    common before that ramp is integrated once a chunk. `progress` is called with the number done. journal: file of what
-    is done, from which the same sweep goes on. Raises SceneError where a controller moves the ceiling, ValueError for
-    less than one height, NumericalFailure, ClusterError, JournalError.
+    common before that ramp is integrated once a chunk. `progress` is called with the number done. Raises SceneError
+    where a controller moves the ceiling, ValueError for less than one height, NumericalFailure, ClusterError.
     """
     if count < 1:
         raise ValueError(f"count: given {count}; allowed: at least 1 height")
@@ -75,22 +69,13 @@ def sweep(
     at_heights(scene, heights[-1:], fidelity, rtol)  # compiles, or loads what was compiled
     begin = time.perf_counter()
     batch = Batch(lambda place: at_heights(scene, chunks[place], fidelity, rtol), range(len(chunks)))
-    seen: list[int] = []
 
     def report(chunks_done: int) -> None:
-        seen.append(min(chunks_done * _CHUNK, count))
         if progress is not None:
-            progress(seen[-1])
+            progress(min(chunks_done * _CHUNK, count))
 
-    record: Record[int, _Chunk] | None = None
-    if journal is not None:
-        settings = [lowest, highest, count, _CHUNK, rtol, fidelity]
-        purpose = {"sweep": settings, "scene": scene.to_mapping()}
-        record = Record[int, _Chunk](journal, purpose, lambda place: (place,), _Chunk._asdict, _chunk)
-    done = batch.run(workers, report, record)
+    done = batch.run(workers, report)
     wall = time.perf_counter() - begin
-    if record is not None:
-        record.finish()
     return Sweep(
         heights,
         np.concatenate([one.amplitudes for one in done]),
@@ -98,7 +83,6 @@ def sweep(
         np.concatenate([one.impacts for one in done]),
         np.concatenate([np.full(len(one.amplitudes), one.wall_s / len(one.amplitudes)) for one in done]),
         wall,
-        count - seen[0],
     )
 
 
@@ -117,12 +101,6 @@ def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) 
     ledgers = [integration.ledger(first, state, table) for state, table in zip(ends, tables, strict=True)]
     impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
     return _Chunk(amplitudes, np.array([one.residual for one in ledgers]), impacts.astype(float), wall)
-
-
-def _chunk(plain: Mapping[str, Any]) -> _Chunk:
-    """Return what a journal has."""
-    amplitudes, residuals, impacts = (np.array(plain[name]) for name in ("amplitudes", "residuals", "impacts"))
-    return _Chunk(amplitudes, residuals, impacts, float(plain["wall_s"]))
 
 
 def standard_task(amplitude: float, fraction: float, height: float) -> Scene:

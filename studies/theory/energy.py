@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Energy of the beam and work on it, integrated over the motion itself (Eqs 3.55 to 3.70), and the grain as a mass.
+"""Energy of the beam and work on it, integrated over the motion itself (Eqs 3.55 to 3.70).
 
 The thesis had to take the work of contacts as the remainder of the balance (section 3.6.2). Here the contact force
 follows from the beam's acceleration, so that it is integrated like every other work, and the balance is a check.
@@ -106,20 +106,6 @@ def impact_span(force: Array, start: int, longest: int) -> tuple[int, int]:
 
 def _work(force: Array, motion: BeamMotion) -> Array:
     return np.asarray(cumulative_trapezoid(force * motion.velocity, motion.time, initial=0.0))
-
-
-def mass_modification(grain_mass: float, beam: Array, grain: Array, gravity: float) -> Array:
-    """Return the change of the system's mass (n,) [kg] from accelerations of beam and grain (n,) [m/s^2] (Eq. 3.53).
-
-    Minus the grain's mass in flight (Eq. 3.50), 0 where both move as one; not finite where the beam falls freely.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(-grain_mass * (1.0 - (grain + gravity) / (beam + gravity)))
-
-
-def pseudo_inertial_force(grain_mass: float, beam: Array, grain: Array) -> Array:
-    """Return the force m_g (x_g'' - x_s'') (n,) [N] from accelerations (n,) [m/s^2] (Eq. 3.54)."""
-    return np.asarray(grain_mass * (grain - beam))
 
 
 def natural_frequency(mass: float, stiffness: float) -> float:

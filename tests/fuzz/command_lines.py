@@ -54,10 +54,7 @@ atpid bag analyse BAG --out DIR
 atpid bag compare BAG BAG --out DIR
 atpid bag extract BAG --out DIR --support 0:1
 studies tradeoff SCENE --out DIR
-studies extremes --systems 1 --out DIR
 studies atlas SCENE --out DIR --quick
-studies soak SCENE --hours 1 --out DIR
-studies seeds SCENE --seeds 1
 studies faults --out DIR --part clock
 studies methods SCENE --out DIR
 studies thesis free_decay --out DIR --scenes DIR

@@ -62,7 +62,6 @@ def test_types(kind: object, allowed: list[str], impossible: list[str]) -> None:
     ("line", "parts"),
     [
         ("studies load --seconds nan", r"--seconds: .*nan.* 0 .* 1e\+06"),
-        ("studies extremes --systems 0 --out DIR", r"--systems: .* 0; .* 1"),
         (
             "atpid map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out mine.npz",
             r"mine\.npz: .*--out.*--force",

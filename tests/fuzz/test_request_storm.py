@@ -3,7 +3,7 @@
 """A storm of random requests: whatever is asked, and stamped how, targets and heights keep their limits and speed.
 
 Some thousands here; a million with `make fuzz`. A million to the firmware: `atpid_driver/test/test_firmware_safety.py`;
-to the firmware on the emulated board: `python -m studies storm`.
+to the firmware on the emulated board: `tests/firmware_frames.py`.
 """
 
 import math

@@ -3,7 +3,6 @@
 """The real firmware against harmful frames and on a line that fails; its look-up table and constants."""
 
 import itertools
-import math
 import re
 import time
 from collections.abc import Iterator
@@ -15,7 +14,10 @@ from typing import Any
 
 import pytest
 import yaml
+from firmware_frames import fuzz, storm
+from hypothesis import settings as current_settings
 from motor_rigs import arm, board, need_emulator, settings
+from stops_on_a_line import Noise
 
 from atpid_common.injected_faults import KINDS, Injected
 from atpid_common.testing import repeated_after_a_halt, wait_for
@@ -29,22 +31,17 @@ from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import PROTOCOL, Refusal, StateReply, decode, encode, reply_of
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings
-from studies.firmware.fuzz import fuzz
-from studies.firmware.storm import storm
-from studies.stops import Noise
 
 pytestmark = repeated_after_a_halt
 
 DRIVER = Path(__file__).resolve().parents[2] / "atpid_driver"
-#: More by `python -m studies fuzz --frames N`.
-FRAMES = 8_000
+LONG = current_settings.get_current_profile_name() == "long"
+FRAMES, REQUESTS = (1_000_000, 100_000) if LONG else (8_000, 200)
 
 
 def test_harmful_frames_move_nothing(tmp_path: Path) -> None:
     with board(tmp_path, height=0.98) as emulator:
-        result = fuzz(emulator, frames=FRAMES, seed=20)
-        assert (result.frames, result.moved_um, result.switched, result.resets) == (FRAMES, 0.0, 0, 0)
-        assert result.rejected > FRAMES / 2  # the frames did reach the parser
+        assert fuzz(emulator, FRAMES, seed=20) > FRAMES / 2  # the frames did reach the parser
         assert emulator.state().board == "running"
 
 
@@ -252,7 +249,4 @@ def test_a_height_that_the_motor_cannot_have_reached_is_latched(rig: Rig) -> Non
 
 def test_the_real_firmware_keeps_its_limits_in_a_storm(tmp_path: Path) -> None:
     with board(tmp_path, height=0.98) as emulator:
-        result = storm(emulator, 60.0, 200, seed=1)
-    assert result.requests == 200
-    assert result.states > 0
-    assert math.isfinite(result.fastest)
+        assert storm(emulator, REQUESTS, seed=1) > 0

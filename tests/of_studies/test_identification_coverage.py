@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from identification_signals import AMPLITUDE, FREQUENCY
 from identification_signals import RATE as SAMPLED
 from made_signals import RATE, noise, tone
+from studies.identification.analysis_coverage import friction_named, orders_held, response_held
+from studies.time_base import sweep_held
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, frequency_response
 from atpid_control.analysis.local_response import passes_once
@@ -22,9 +24,7 @@ from atpid_sim.system import Array
 from studies.cli import main as studies
 from studies.identification import coverage
 from studies.identification import measure as showcase
-from studies.identification.analysis_coverage import friction_named, orders_held, response_held
 from studies.identification.baselines import cramer_rao
-from studies.time_base import sweep_held
 
 #: Slow noise beneath white noise of its own size: two periods show it in two of three windows, as the page states.
 HIDDEN = "AR(0.99), 0.5 %, and white, 0.5 %"

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from sim_refusals import has_parts, refused
+from studies.off_resonance.command import METHODS
+from studies.off_resonance.measure import compared, modal_systems
+from studies.random_selection import Drawn, draw, measured, scene_of
 
 from atpid_control.loop.settings import selector_of
 from atpid_control.selection import Excitation, SelectionError, make_selector
@@ -28,9 +31,6 @@ from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import undamped_amplitude
 from atpid_sim.system import reduced_mass
 from studies.figures.selection import margin_curve, pca_errors
-from studies.off_resonance.command import METHODS
-from studies.off_resonance.measure import compared, modal_systems
-from studies.random_selection import Drawn, draw, measured, scene_of
 from studies.thorough_search import thorough_best
 
 ROOT = Path(__file__).parents[2]

@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from sim_refusals import refused
+from studies.steady.command import compare
+from studies.steady.systems import drawn
+from studies.sweep.steady import compared
 
 from atpid_control.cli import main
 from atpid_sim.periodic import Method, SteadyEnding, steady_state
@@ -22,10 +25,7 @@ from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.heights import opened
 from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.simulation.simulate import simulate
-from studies.steady.command import compare
-from studies.steady.systems import drawn
 from studies.sweep.measure import standard_task
-from studies.sweep.steady import compared
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")

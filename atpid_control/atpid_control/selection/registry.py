@@ -68,8 +68,9 @@ def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
 
 METHODS: dict[str, Factory] = {
     "lookup": _lookup,
-def _pca(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
-    from atpid_control.selection.pca import PcaSelector
+    "pca": _pca,
+    "direct": _direct,
+    "search": _search,
     "fixed": _fixed,
 }
 

@@ -4,12 +4,10 @@
 
 Each interleaving draws a line, a number of heights, readings and pauses, and then a stop or a disarm at any instant.
 The host is the product's own dialogue; host, line and board share one simulated clock, so a run is repeatable and does
-not depend on what else the machine does. `python -m studies stops --interleavings 1000 --seed 1`.
+not depend on what else the machine does.
 """
 
-import argparse
 import random
-import sys
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,10 +15,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from atpid_common.arguments import MOST_SEED, file_path, whole
-from atpid_common.errors import DONE, NUMERICAL_FAILURE
 from atpid_common.injected_faults import KINDS, Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
@@ -29,8 +23,6 @@ from atpid_driver.motor.dialogue import Dialogue
 from atpid_driver.motor.errors import LinkError
 from atpid_driver.motor.settings import MotorSettings
 
-#: Arguments of the example in the help.
-EXAMPLE = "--interleavings 25 --seed 1"
 #: Step of the common clock [s]: an answer is never read earlier than the board has sent it.
 STEP = 0.001
 #: A stop's frame is on the wire, and the motor off, within [s].
@@ -99,13 +91,11 @@ LINES = (
 
 @dataclass(frozen=True)
 class Stop:
-    """What became of one stop; times from the call [s], NaN: the motor was off already."""
+    """What became of one stop; time from the call until the motor was off [s], NaN: it was off already."""
 
     line: str
     word: str
-    on_wire: float
     off: float
-    confirmed: float
     problems: tuple[str, ...]
 
 
@@ -207,11 +197,11 @@ def stop(host: Host, line: Line, word: str) -> Stop:
         off = dialogue.disarm(host.now)
     else:
         dialogue.hold(2, host.now)
-    needed, confirmed, problems = dialogue.stopping, float("nan"), []
+    needed, confirmed, problems = dialogue.stopping, False, []
     while host.now - called < WATCHED:
         host.step()
-        if needed and np.isnan(confirmed) and not dialogue.stopping:
-            confirmed = host.now - called
+        if needed and not confirmed and not dialogue.stopping:
+            confirmed = True
             if emulator.state().motor:
                 problems.append("confirmed while the motor was on")
     after, frames = emulator.state(), host.written[begun:]
@@ -229,7 +219,7 @@ def stop(host: Host, line: Line, word: str) -> Stop:
         problems.append(f"motor off after {1e3 * switched_off:.0f} ms")
     if off is not None and off.done() and dialogue.reading.mode not in (Mode.DISARMED, Mode.FAULT):
         problems.append(f"motor off was answered, and the state is {dialogue.reading.mode.name}")
-    return Stop(line.name, word, stops[0] - called if stops else float("nan"), switched_off, confirmed, tuple(problems))
+    return Stop(line.name, word, switched_off, tuple(problems))
 
 
 def interleavings(number: int, seed: int) -> Iterator[Stop]:
@@ -238,47 +228,3 @@ def interleavings(number: int, seed: int) -> Iterator[Stop]:
         host = Host(emulator)
         for place in range(number):
             yield interleaving(host, random.Random(seed * 1_000_003 + place))
-
-
-def table(stops: list[Stop]) -> str:
-    """Return times by kind of line as a Markdown table, in milliseconds."""
-    lines = [
-        "| line | stops | motor ran | off after p50 | p99 | max | confirmed after p50 | p99 | max |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for name in [line.name for line in LINES] + ["all"]:
-        of_line = [stop for stop in stops if name in ("all", stop.line)]
-        columns: list[float | str] = [len(of_line), sum(not np.isnan(stop.off) for stop in of_line)]
-        for times in ([stop.off for stop in of_line], [stop.confirmed for stop in of_line]):
-            known = [1e3 * time for time in times if not np.isnan(time)]
-            columns += [round(float(value)) for value in np.percentile(known, [50, 99, 100])] if known else ["", "", ""]
-        lines.append(f"| {name} | {' | '.join(map(str, columns))} |")
-    return "\n".join(lines)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of this study."""
-    parser.add_argument("--interleavings", type=whole(1, 10**6), default=100, metavar="N")
-    parser.add_argument("--page", type=file_path, metavar="FILE.md", help="write the table there, with how it was made")
-    parser.add_argument("--seed", type=whole(0, MOST_SEED), default=1, metavar="N")
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Print the table, and each stop that broke a rule; return 3 where one did."""
-    stops = []
-    for place, seen in enumerate(interleavings(arguments.interleavings, arguments.seed)):
-        stops.append(seen)
-        for problem in seen.problems:
-            print(f"{place}: {seen.word}, {seen.line}: {problem}")
-        if sys.stderr.isatty() and place % 10 == 9:
-            print(f"{place + 1} of {arguments.interleavings}", file=sys.stderr)
-    print(table(stops))
-    broken = sum(bool(seen.problems) for seen in stops)
-    summary = f"{len(stops)} stops, {broken} that broke a rule"
-    print(summary)
-    if arguments.page:
-        made = (
-            f"`python -m studies stops --interleavings {arguments.interleavings} --seed {arguments.seed}`: {summary}."
-        )
-        arguments.page.write_text(f"{made}\n\n{table(stops)}\n", encoding="utf-8")
-    return NUMERICAL_FAILURE if broken else DONE
