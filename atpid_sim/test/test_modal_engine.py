@@ -19,7 +19,6 @@ from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.modal import phasors
 from atpid_sim.periodic import SteadyState, steady_state
 from atpid_sim.periodic.basin import Starts, basin
-from atpid_sim.periodic.over_heights import over_heights
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, SceneError, standard_bench
 from atpid_sim.simulation.energy import mode_residuals
@@ -293,7 +292,6 @@ def test_what_takes_one_damper_refuses_several() -> None:
         lambda: basin(scene, Starts(0.1)),
         lambda: Plant(scene),
         lambda: DamperResponse(scene),
-        lambda: over_heights([scene], np.array([0.1])),
     ):
         with refused(SceneError, "further_dampers", "1", "one damper"):
             call()

@@ -8,9 +8,9 @@ import time
 from typing import Any
 
 from atpid_common.arguments import MOST_SEED, real, whole
+from atpid_dynamics.over_heights import over_heights
 from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
-from atpid_sim.periodic.over_heights import over_heights
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Workers, cores
 from atpid_sim.simulation.fidelity import choose

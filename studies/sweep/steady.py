@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from atpid_dynamics.heights import opened
+from atpid_dynamics.over_heights import HeightSweep, Way, over_heights
 from atpid_sim.engine import columns, drive
 from atpid_sim.outcome import Outcome
 from atpid_sim.periodic.approach import rows_until
-from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Batch, Workers
 from atpid_sim.simulation.fidelity import complete_fidelity
-from atpid_sim.simulation.heights import opened
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
 from studies.steady.systems import drawn
 
