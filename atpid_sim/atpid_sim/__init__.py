@@ -14,9 +14,13 @@ _NAMES = [
     "NumericalFailure", "Scene", "SceneError", "best_height", "compile_kernels", "height_map", "load_map", "load_scene",
     "scene_from_mapping", "simulate", "standard_bench", "steady_state", "trajectory",
 ]  # fmt: skip
-#: The entry points by which a package adds a name, and packages of this project that do.
+#: The entry points by which a package adds a name.
 _ADDED = "atpid_sim"
-_ELSEWHERE = {"open_run": "atpid_control", "sweep": "atpid_dynamics"}
+#: What packages of this project add, for where they are not installed.
+_ELSEWHERE = {
+    "open_run": "bags are read by the package atpid_control",
+    "sweep": "many heights are swept by the package atpid_dynamics",
+}
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,8 +41,7 @@ else:
 
         for added in () if name.startswith("_") else entry_points(group=_ADDED, name=name):
             return added.load()
-        package = _ELSEWHERE.get(name)
-        hint = f"; it comes with the package {package}, which is not installed" if package else ""
+        hint = f"; {_ELSEWHERE[name]}, which is not installed" if name in _ELSEWHERE else ""
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
 
     def __dir__():

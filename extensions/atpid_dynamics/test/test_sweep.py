@@ -1,8 +1,8 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steady motions over heights: against runs at each of them, and what is refused.
+"""Steady motions, and shares that come to them, over heights: against runs at each of them, and what is refused.
 
-Judged by long runs: tests/of_studies/test_steady.py.
+Judged by long runs: tests/of_studies/test_steady.py; shares: atpid_sim/test/test_basin.py.
 """
 
 import csv
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dynamics_program import main
-from sim_refusals import refused
+from sim_refusals import has_parts, refused
 
 import atpid_sim as ap
 from atpid_dynamics.heights import opened
@@ -153,3 +153,16 @@ def test_a_sweep_is_its_runs() -> None:
         assert swept.reductions[m, a, h] == pytest.approx(run.reduction, abs=1e-3)
     place = {"mass_fractions": 0.2, "amplitudes": 0.01, "heights": heights[1]}
     assert swept.to_xarray().beam_amplitudes.sel(place) == swept.beam_amplitudes[1, 1, 1]
+
+
+def test_the_command_prints_and_writes_shares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, out = str(SCENES / "standard.yaml"), tmp_path / "shares.csv"
+    assert main(["basin", scene, "--heights", "0.14:0.24:2", "--kick", "0.1", "--json", "--out", str(out)]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["height"] for row in rows] == [0.14, 0.24]
+    assert (rows[0]["share"], rows[1]["share"], rows[1]["starts"]) == (1.0, None, 0)  # the second is irregular
+    assert [row["height"] for row in csv.DictReader(out.read_text().splitlines())] == ["0.14", "0.24"]
+    assert main(["basin", str(SCENES / "free_decay.yaml")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    has_parts(printed.err.removesuffix("\n"), ("excitation", "tone"))
