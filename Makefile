@@ -136,7 +136,8 @@ firmware: ## build the motor's firmware (needs the AVR tools)
 .PHONY: wheel
 wheel: test-packages ## build the physics as a wheel in out/wheel and try it in empty environments (PYTHONS="python3.10 python3.13")
 	@$(IN_WORKSPACE) rm -rf out/wheel && mkdir -p out/wheel/source && \
-	cp -r ros2_ws/wheel/pyproject.toml LICENSE atpid_sim/atpid_sim atpid_interfaces/atpid_common/atpid_common out/wheel/source && \
+	cp -r ros2_ws/wheel/pyproject.toml LICENSE atpid_sim/atpid_sim atpid_interfaces/atpid_common/atpid_common \
+	    extensions/atpid_dynamics/atpid_dynamics out/wheel/source && \
 	python -m pip wheel -q --no-deps --no-build-isolation --wheel-dir out/wheel out/wheel/source && \
 	exec env ATPID_PYTHONS="$(or $(PYTHONS),python3.10 python3.11 python3.12 python3.13)" \
 	    python -m pytest -q -rA tests/test_wheel.py

@@ -20,7 +20,12 @@ from documented import ROOT, blocks
 EXAMPLE = blocks(ROOT / "docs/python.md", "python")[0]
 #: What `pip wheel --no-build-isolation` calls.
 BUILD = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
-ALONE = "\nimport sys; assert not {'rclpy', 'atpid_control', 'atpid_interfaces'} & set(sys.modules)\n"
+#: Behind the example: `sweep` is there, and nothing of the workspace is loaded.
+ALONE = """
+import sys
+assert callable(ap.sweep)
+assert not {'rclpy', 'atpid_control', 'atpid_interfaces'} & set(sys.modules)
+"""
 
 
 def run(command: list[str | Path], folder: Path, **variables: str) -> str:
@@ -37,8 +42,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if "ATPID_PYTHONS" in os.environ:
         return next((ROOT / "out/wheel").glob("*.whl"))
     folder = tmp_path_factory.mktemp("wheel")
-    for source in ("atpid_sim/atpid_sim", "atpid_interfaces/atpid_common/atpid_common"):
-        shutil.copytree(ROOT / source, folder / "source" / Path(source).name)
+    for source in ("atpid_sim", "atpid_interfaces/atpid_common", "extensions/atpid_dynamics"):
+        name = Path(source).name
+        shutil.copytree(ROOT / source / name, folder / "source" / name)
     for name in ("ros2_ws/wheel/pyproject.toml", "LICENSE"):
         shutil.copy(ROOT / name, folder / "source")
     run([sys.executable, "-c", BUILD, folder], folder / "source")

@@ -19,9 +19,6 @@ COMMANDS: Commands = {
         "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
-        "sweep": (f"{_SIM}.sweep", "the steady motions over many heights, support amplitudes and grain masses"),
-        "basin": (f"{_SIM}.basin", "the share of kicks or initial states that come to the steady motion"),
-        "cliffs": (f"{_SIM}.cliffs", "follow a periodic motion over the height, and the cliff where it ends"),
     },
     "Modes of a structure": {
         "modes cantilever": (f"{_CONTROL}.modes:CANTILEVER", "modes of a beam with the damper at its tip, for a scene"),

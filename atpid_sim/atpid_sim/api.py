@@ -6,12 +6,12 @@ import functools
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import entry_points
 from typing import Any, TypeVar, cast
 
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim import maps, periodic
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic import sweep as sweeps
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping, standard_bench
 from atpid_sim.simulation import simulate as run
 from atpid_sim.simulation.batch import cores
@@ -21,12 +21,14 @@ from atpid_sim.simulation.integration import Integration
 
 __all__ = [
     "NumericalFailure", "Scene", "SceneError", "best_height", "compile_kernels", "height_map", "load_map", "load_scene",
-    "scene_from_mapping", "simulate", "standard_bench", "steady_state", "sweep", "trajectory",
+    "scene_from_mapping", "simulate", "standard_bench", "steady_state", "trajectory",
 ]  # fmt: skip
+#: The entry points by which an installed package has its kernels compiled: functions of a scene.
+KERNELS = "atpid.kernels"
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def _compiled(function: _Function) -> _Function:
+def compiled_first(function: _Function) -> _Function:
     """Return a function that first compiles or loads the engine for its scene, and prints that where it takes long."""
 
     @functools.wraps(function)
@@ -40,15 +42,14 @@ def _compiled(function: _Function) -> _Function:
     return cast(_Function, called)
 
 
-simulate = _compiled(run.simulate)
-trajectory = _compiled(run.trajectory)
-steady_state = _compiled(periodic.steady_state)
-sweep = _compiled(sweeps.sweep)
-height_map = _compiled(maps.build_map)
+simulate = compiled_first(run.simulate)
+trajectory = compiled_first(run.trajectory)
+steady_state = compiled_first(periodic.steady_state)
+height_map = compiled_first(maps.build_map)
 load_map = maps.HeightMap.load
 
 
-@_compiled
+@compiled_first
 def best_height(
     scene: Scene,
     bounds: tuple[float, float] = (0.0, math.inf),
@@ -67,9 +68,13 @@ def best_height(
 
 
 def compile_kernels() -> None:
-    """Compile what these functions need, once after an installation: a minute or two; the user's cache keeps it."""
+    """Compile what these functions and installed packages' need, once after an installation; the user's cache keeps it.
+
+    That takes a minute or two.
+    """
     scene = standard_bench(ceiling={"height": 0.1}, duration=6.0)
     simulate(scene)
     steady_state(scene)
-    sweep(scene, [0.08, 0.09, 0.1, 0.11, 0.12])
     best_height(scene)
+    for added in entry_points(group=KERNELS):
+        added.load()(scene)

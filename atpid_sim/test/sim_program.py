@@ -7,7 +7,7 @@ from functools import partial
 
 from atpid_common.cli import run_commands
 
-_NAMES = ("basin", "map", "simulate")
+_NAMES = ("map", "simulate")
 main = partial(run_commands, "atpid", "", {"": {name: (f"atpid_sim.commands.{name}", name) for name in _NAMES}})
 #: The same as a process of its own.
 PROGRAM = [sys.executable, __file__]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`import atpid_sim as ap`: the same numbers as the modules below it, with names, units and pictures."""
 
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import matplotlib as mpl
@@ -14,7 +15,6 @@ from atpid_common.errors import InputError
 from atpid_sim import api, maps, periodic
 from atpid_sim.results import IMPACT, named_impacts
 from atpid_sim.simulation import simulate as module
-from atpid_sim.simulation.heights import opened
 
 mpl.use("Agg")
 
@@ -25,11 +25,20 @@ LOW = SCENE.with_(height=0.1)
 
 def test_every_name_is_there_and_no_other() -> None:
     assert {name for name in dir(ap) if not hasattr(ap, name)} == set()
-    assert set(dir(ap)) == {*api.__all__, "__version__"}
+    assert set(dir(ap)) == {*api.__all__, "__version__", *(added.name for added in entry_points(group="atpid_sim"))}
     with refused(AttributeError, "simulat"):
         _ = ap.simulat  # type: ignore[attr-defined]
     with refused(ap.SceneError, "scene", "'a.yaml'", "Scene"):
         ap.simulate("a.yaml")  # type: ignore[arg-type]
+
+
+def test_a_name_of_a_package_that_is_not_installed_is_answered_with_the_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: [])
+    for name, package in (("sweep", "atpid_dynamics"), ("open_run", "atpid_control")):
+        with refused(AttributeError, name, package, "not installed"):
+            getattr(ap, name)
 
 
 def test_a_run_is_the_run() -> None:
@@ -74,22 +83,6 @@ def test_a_steady_state_is_found_or_the_reason_named() -> None:
     assert found.amplitude == below.amplitude
     assert "amplitude" in repr(found)
     assert ap.steady_state(ap.standard_bench(excitation={"free": {"deflection": 0.1}})).state is None
-
-
-def test_a_sweep_is_its_runs() -> None:
-    heights, amplitudes, fractions = np.linspace(0.06, 0.12, 4), [0.005, 0.01], [0.1, 0.2]
-    swept = ap.sweep(SCENE, heights, amplitudes, fractions)
-    assert swept.beam_amplitudes.shape == (2, 2, 4)
-    for m, a, h in ((0, 0, 0), (1, 0, 3), (0, 1, 2)):
-        scene = opened(SCENE.with_(mass_fraction=fractions[m], amplitude=amplitudes[a]), float(heights[h]))
-        if swept.ways[m, a, h] != "unsettled":
-            scene = scene.with_(duration=60.0, steady_window=[50.0, 60.0])
-        run = ap.simulate(scene, check=False)
-        assert swept.beam_amplitudes[m, a, h] == pytest.approx(run.amplitude, rel=1e-4)
-        assert swept.efficiencies[m, a, h] == pytest.approx(run.efficiency, abs=1e-3)
-        assert swept.reductions[m, a, h] == pytest.approx(run.reduction, abs=1e-3)
-    place = {"mass_fractions": 0.2, "amplitudes": 0.01, "heights": heights[1]}
-    assert swept.to_xarray().beam_amplitudes.sel(place) == swept.beam_amplitudes[1, 1, 1]
 
 
 def test_a_map_is_its_best_heights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from rosidl_adapter.parser import parse_action_file, parse_message_file, parse_s
 from sphinx.application import Sphinx
 
 import atpid_control
+import atpid_dynamics.api
 import atpid_sim
 import atpid_sim.api
 from atpid_common.cli import Commands, full_parser
@@ -119,13 +120,14 @@ def returned(function: Any) -> Iterator[type]:
 def interface() -> str:
     """Return a section for each name of `import atpid_sim as ap`, and for the classes of what it returns."""
     objects = {f"atpid_sim.{name}": getattr(atpid_sim, name) for name in atpid_sim.api.__all__}
+    objects["atpid_dynamics.api.sweep"] = atpid_dynamics.api.sweep
     objects["atpid_control.open_run"] = atpid_control.open_run
     functions = {name: each for name, each in objects.items() if not inspect.isclass(each)}
     classes = {each for each in objects.values() if inspect.isclass(each)}
     classes |= {made for each in functions.values() for made in returned(each)}
     lines = ["## Functions", ""]
     for name in functions:
-        lines += [f"### {name.partition('.')[2]}", "", "```{eval-rst}", f".. autofunction:: {name}", "```", ""]
+        lines += [f"### {name.rpartition('.')[2]}", "", "```{eval-rst}", f".. autofunction:: {name}", "```", ""]
     lines += ["## Classes", ""]
     for each in sorted(classes, key=lambda one: one.__name__):
         place = f"{each.__module__}.{each.__qualname__}"

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from atpid_dynamics.heights import tables_at
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
-from atpid_sim.simulation.heights import tables_at
 from atpid_sim.simulation.integration import Integration, failure_at
 from atpid_sim.system import Array
 

@@ -2,39 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions, branches and cliffs: closed forms, multipliers, simulation, and what cannot be found."""
 
-import csv
-import json
 import math
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from bench_motions import bench, motion_of, settled
 from peace01 import FIRST, FixedStop, branch, checked, stopped
-from sim_refusals import has_parts
 
-from atpid_control.cli import main
+from atpid_dynamics.continuation import Branch, follow_branch, follow_cliff
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import restitution_of
-from atpid_sim.maps import DamperResponse
 from atpid_sim.periodic import (
-    Bifurcation,
-    Branch,
     Conditions,
     Loss,
     PeriodicMotion,
     ReturnMap,
     SearchEnding,
     find_cliff,
-    follow_branch,
-    follow_cliff,
     periodic_motion,
     raised,
     solve,
 )
-from atpid_sim.periodic.solve import size_of
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.simulation.integration import Integration, Observation
+from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array, reduced_mass
 from studies.theory.closed_forms import ShakingTable, doubling, onset
 from studies.theory.impact_oscillator import OneImpact, flow, square_root_term
@@ -125,26 +116,6 @@ def test_multipliers_of_a_ball_on_a_vibrating_table(gamma: float) -> None:
 
 
 # --- the bench
-def bench(mass_fraction: float = 0.1, fidelity: str = "soft") -> Integration:
-    return Integration(standard_bench(grain={"mass_fraction": mass_fraction, "radius": 0.0085}), fidelity, 1e-10)
-
-
-def settled(integration: Integration, amplitude: float, height: float) -> tuple[Conditions, State]:
-    """Conditions, and the state at phase zero after the closed damper was opened and 50 periods have passed."""
-    damper = DamperResponse(integration.scene)
-    state, end = damper.closed_state(amplitude), 56.0 * damper.period
-    path = (0.0, damper.diameter), (6.0 * damper.period, height)
-    damper.advance(amplitude, state, path, Observation((end, end)))
-    return Conditions(amplitude, damper.frequency, height), state
-
-
-def motion_of(integration: Integration, amplitude: float, height: float, periods: int = 1) -> PeriodicMotion:
-    found = periodic_motion(integration, *settled(integration, amplitude, height), periods=periods)
-    assert found.ending is SearchEnding.FOUND
-    assert found.motion is not None
-    return found.motion
-
-
 @pytest.mark.parametrize(("height", "impacts"), [(0.2, 2), (0.17, 3), (0.195, 2)])
 def test_the_product_of_the_multipliers_is_what_impacts_and_damper_contract(height: float, impacts: int) -> None:
     integration = bench(fidelity="impact")
@@ -213,7 +184,6 @@ def test_a_cliff_needs_a_stable_motion_to_start_from() -> None:
 
 MASS_RATIO = 0.1
 HEIGHTS = {"height": (5.0, 140.0)}
-BENCH_HEIGHTS = {"height": (0.15, 0.3)}
 
 
 @pytest.fixture(scope="module")
@@ -225,15 +195,6 @@ def masri() -> tuple[Integration, Branch]:
     motion = solve(ReturnMap(integration, Conditions(1.0, 0.5 / math.pi, 21.0), phase), section).motion
     assert motion is not None
     return integration, follow_branch(integration, motion, HEIGHTS)
-
-
-@pytest.fixture(scope="module")
-def bench_curve() -> tuple[Integration, tuple[Bifurcation, ...]]:
-    """The cliff of the standard bench over the frequency, contacts integrated."""
-    integration = bench()
-    branch = follow_branch(integration, motion_of(integration, 0.01, 0.19), BENCH_HEIGHTS)
-    assert branch.cliff is not None
-    return integration, follow_cliff(integration, branch.cliff, BENCH_HEIGHTS | {"frequency": (5.2, 5.75)})
 
 
 def test_the_branch_turns_at_the_longest_clearance(masri: tuple[Integration, Branch]) -> None:
@@ -278,70 +239,6 @@ def test_without_gravity_the_cliff_is_in_proportion_to_the_amplitude(masri: tupl
     amplitudes, _, heights = np.array([each.motion.conditions[:3] for each in curve]).T
     assert amplitudes[[0, -1]] == pytest.approx([0.5, 2.0])
     assert (heights - 1.0) / amplitudes == pytest.approx(branch.cliff.motion.conditions.height - 1.0, rel=1e-7)
-
-
-def test_simulated_the_motion_is_stable_below_the_curve_and_not_above(
-    bench_curve: tuple[Integration, tuple[Bifurcation, ...]],
-) -> None:
-    integration, curve = bench_curve
-    assert {each.loss for each in curve} == {Loss.FOLD, Loss.BEATING}
-    inner = [each for each in curve[1:-1] if each.motion.conditions.height > 0.164]
-    chosen = np.random.default_rng(26).choice(len(inner), 8, replace=False)
-    for motion in (inner[place].motion for place in chosen):
-        scale = size_of(integration, motion.amplitude, motion.conditions)
-        below, above = (at_share(motion, share) for share in (0.998, 1.002))
-        stable = stable_near(ReturnMap(integration, below, motion.phase), motion, scale)
-        for conditions, start, stays in ((below, stable + 1e-4 * scale, True), (above, motion.section, False)):
-            passed = ReturnMap(integration, conditions, motion.phase).passages(start, 1500) / scale
-            settled = len(passed) == 1500 and np.abs(np.diff(passed[-100:], axis=0)).max() < 1e-6
-            near = float(np.abs(passed[-1] - start / scale).max()) < 0.05
-            assert (settled and near) == stays, conditions
-
-
-def at_share(motion: PeriodicMotion, share: float) -> Conditions:
-    return motion.conditions._replace(height=share * motion.conditions.height)
-
-
-def stable_near(returns: ReturnMap, motion: PeriodicMotion, scale: Array) -> Array:
-    """Section state of the stable motion beside one on a cliff: below a fold it is one of two."""
-    values, vectors = np.linalg.eig(motion.slope / scale[:, None] * scale)
-    leading = vectors[:, int(np.argmax(np.abs(values)))].real
-    tried = (solve(returns, motion.section + part * leading * scale).motion for part in (0.0, 0.1, -0.1, 0.05, -0.05))
-    return next(each.section for each in tried if each is not None and each.stability_margin > 0.0)
-
-
-def test_a_touch_ends_the_motion_of_a_heavy_grain() -> None:
-    integration = bench(0.2)
-    branch = follow_branch(integration, motion_of(integration, 0.01, 0.1), {"height": (0.03, 0.35)})
-    assert branch.cliff is not None
-    assert branch.cliff.loss is Loss.GRAZING
-    found = find_cliff(integration, branch.motions[0], 0.35, 0.002, 1e-6)
-    assert found.loss is Loss.GRAZING
-    assert branch.cliff.motion.conditions.height == pytest.approx(found.height, rel=2e-4)
-    motion = branch.cliff.motion
-    returns = ReturnMap(integration, motion.conditions, motion.phase)
-    assert 0.0 < returns.clearance(motion.section) < 1e-4 * motion.amplitude
-
-
-def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "c.csv"
-    command = ["cliffs", "scenes/standard.yaml", "--height", "0.19:0.3", "--amplitudes", "0.0098:0.0102"]
-    assert main([*command, "--json", "--out", str(out)]) == 0
-    found = json.loads(capsys.readouterr().out)
-    rows = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == sum(len(part) for part in found.values())
-    assert [each["what"] for each in found["bifurcation"]][:2] == ["beating", "fold"]
-    assert [found["cliff"][k]["amplitude"] for k in (0, -1)] == pytest.approx([0.0098, 0.0102])
-
-
-def test_what_cannot_be_followed_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    for line, status, parts in (
-        ("standard.yaml --height 0.19:0.3 --frequencies 6:7", 2, "excitation.frequency 5.46997"),
-        ("standard.yaml --height 0.017:0.3", 3, "0.017 m no motion"),
-        ("free_decay.yaml --height 0.19:0.3", 3, "no motion excitation"),
-    ):
-        assert main(["cliffs", *f"scenes/{line}".split()]) == status
-        has_parts(capsys.readouterr().err.removesuffix("\n"), tuple(parts.split()))
 
 
 PLACE, RADIUS = 20.0, 0.5

@@ -2,29 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steady motions without waiting, at one height and over heights: against runs that have waited, and what has none."""
 
-import csv
 import json
 import math
-import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from sim_refusals import refused
 from studies.steady.command import compare
 from studies.steady.systems import drawn
 from studies.sweep.steady import compared
 
 from atpid_control.cli import main
+from atpid_dynamics.over_heights import HeightSweep, over_heights
 from atpid_sim.periodic import Method, SteadyEnding, steady_state
 from atpid_sim.periodic.newton import extrapolated
-from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
-from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import Workers
-from atpid_sim.simulation.heights import opened
 from atpid_sim.simulation.integration import Integration, Observation
-from atpid_sim.simulation.simulate import simulate
 from studies.sweep.measure import standard_task
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -155,42 +149,6 @@ def test_each_is_the_motion_that_its_own_run_comes_to(swept: HeightSweep) -> Non
     assert judged["largest_error"] < 1e-4
 
 
-def test_where_nothing_settles_the_run_itself_is_the_answer(swept: HeightSweep) -> None:
-    """To the last digit: nothing of a neighbour is in it."""
-    places = np.flatnonzero(swept.ways == Way.UNSETTLED)
-    assert len(places) > 50
-    assert np.isnan(swept.errors[places]).all()
-    assert not swept.periods[places].any()
-    for place in places[[0, len(places) // 2, -1]]:
-        alone = simulate(opened(TASK, float(HEIGHTS[place])), "finite", 1e-4, check=False)
-        assert swept.amplitudes[place] == alone.amplitude
-
-
-def test_multipliers_and_periods_are_those_of_the_search_at_one_height(swept: HeightSweep) -> None:
-    for place in np.flatnonzero(swept.ways == Way.NEIGHBOUR)[::40]:
-        one = steady_state(opened(TASK, float(HEIGHTS[place])), "soft", 1e-6).state
-        assert one is not None
-        assert one.periods == swept.periods[place]
-        assert swept.amplitudes[place] == pytest.approx(one.amplitude, rel=swept.errors[place])
-        # taken at a neighbour, up to 32 heights before
-        assert swept.multipliers[place] == pytest.approx(abs(one.multipliers[0]), abs=0.05)
-
-
-def test_workers_and_a_journal_change_nothing(swept: HeightSweep, tmp_path: Path) -> None:
-    journal = tmp_path / "sweep.journal"
-
-    def stop(done: int) -> None:
-        if done >= 128:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt, match=r"1.*3"):
-        over_heights([TASK], HEIGHTS, "finite", 1e-4, Workers(1), stop, journal)
-    (again,) = over_heights([TASK], HEIGHTS, "finite", 1e-4, Workers(2), None, journal)
-    assert len(journal.read_text().splitlines()) == 4
-    for name in ("heights", "amplitudes", "errors", "multipliers", "periods", "ways"):
-        assert np.array_equal(getattr(again, name), getattr(swept, name), equal_nan=name in ("errors", "multipliers"))
-
-
 @pytest.mark.parametrize("number", [3, 6])  # a hysteretic law; instantaneous impacts
 def test_random_systems_are_judged_right(number: int) -> None:
     scene = drawn(5, number).with_(tolerance=1e-4)
@@ -200,63 +158,3 @@ def test_random_systems_are_judged_right(number: int) -> None:
     judged = compared(scene, found, Workers(2), lambda _: None)
     assert judged["another"] == judged["not_regular"] == []
     assert judged["same"] == judged["steady_found"]
-
-
-def test_several_amplitudes_and_masses_are_rows_of_their_own() -> None:
-    heights = np.linspace(0.08, 0.1, 9)
-    scenes = [TASK, TASK.with_(amplitude=0.012), TASK.with_(mass_fraction=0.08)]
-    together = over_heights(scenes, heights, "impact", 1e-4)
-    alone = [over_heights([scene], heights, "impact", 1e-4)[0].amplitudes.tolist() for scene in scenes]
-    assert [row.amplitudes.tolist() for row in together] == alone
-    assert len({row[0] for row in alone}) == 3
-
-
-def test_a_run_that_does_not_reach_its_end_is_named() -> None:
-    deep = TASK.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
-    (found,) = over_heights([deep], np.array([0.1, 0.2]), "soft")
-    assert (found.ways == Way.FAILED).all()
-    assert np.isnan(found.amplitudes).all()
-    assert re.search(r"\b2 without", found.sentence)
-
-
-@pytest.mark.parametrize(
-    ("change", "part"),
-    [
-        ({"steady_window": [6.5, 16.0]}, "7 s"),
-        ({"excitation": {"sweep": {"amplitude": 0.01, "from": 4.0, "to": 6.0}}}, "tone"),
-    ],
-)
-def test_what_changes_until_the_window_is_refused(change: dict[str, Any], part: str) -> None:
-    with refused(SceneError, part):
-        over_heights([TASK.with_(**change)], np.array([0.1, 0.2]), "impact")
-    with pytest.raises(ValueError, match=r"above.*before"):
-        over_heights([TASK], np.array([0.2, 0.1]))
-
-
-def test_the_command_prints_and_writes_heights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, options = tmp_path / "sweep.csv", "--heights 0.08:0.1:21 --amplitudes 0.009:0.01:2 --fidelity impact --json"
-    assert main(["sweep", str(SCENES / "standard.yaml"), *options.split(), "--out", str(out)]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    written = list(csv.DictReader(out.read_text().splitlines()))
-    assert len(rows) == len(written) == 42
-    assert [float(row["amplitudes"]) for row in written] == [row["amplitudes"] for row in rows]
-    assert {row["ways"] for row in rows} == {"neighbour", "own"}
-
-
-@pytest.mark.parametrize(
-    ("ceiling", "expected"),
-    [
-        ({"height": 0.1}, ((0.0, 0.2),)),
-        ({"profile": [[0.0, 0.017], [1.0, 0.05], [2.0, 0.1]]}, ((1.0, 0.017), (2.0, 0.2))),
-        ({"closed": 0.017, "open": 0.1, "start": 1.0, "end": 2.0}, ((1.0, 0.017), (2.0, 0.2))),
-    ],
-)
-def test_any_ceiling_is_opened_to_a_height(ceiling: dict[str, Any], expected: tuple[tuple[float, float], ...]) -> None:
-    scene = STANDARD.with_(ceiling=ceiling, duration=3.0, steady_window=[2.0, 3.0])
-    assert opened(scene, 0.2).ceiling.heights == expected
-
-
-def test_a_controlled_ceiling_is_refused() -> None:
-    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
-    with refused(SceneError, "lookup", "height"):
-        opened(STANDARD.with_(ceiling=ceiling), 0.1)

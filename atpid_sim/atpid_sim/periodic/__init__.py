@@ -3,15 +3,12 @@
 """Periodic motions of beam and grain: found by Newton's method, their multipliers, and where they lose stability."""
 
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
-from atpid_sim.periodic.continuation import Bifurcation, Branch, follow_branch, follow_cliff
 from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import PeriodicMotion, Search, SearchEnding, periodic_motion, solve
 from atpid_sim.periodic.steady import steady_state
 
 __all__ = [
-    "Bifurcation",
-    "Branch",
     "Cliff",
     "Conditions",
     "Loss",
@@ -24,8 +21,6 @@ __all__ = [
     "SteadySearch",
     "SteadyState",
     "find_cliff",
-    "follow_branch",
-    "follow_cliff",
     "passage",
     "periodic_motion",
     "raised",

@@ -76,7 +76,8 @@ def points(
     `stable` is whether a motion of the branch is, or whether a bifurcation ends the stability. Raises SceneError,
     NumericalFailure.
     """
-    from atpid_sim.periodic import Conditions, ReturnMap, follow_branch, follow_cliff, solve, steady_state
+    from atpid_dynamics.continuation import follow_branch, follow_cliff
+    from atpid_sim.periodic import Conditions, ReturnMap, solve, steady_state
     from atpid_sim.simulation.fidelity import complete_fidelity
     from atpid_sim.simulation.integration import Integration
 

@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find the motions and print how; return 0. Raises SceneError, OutputError, JournalError."""
-    from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
-    from atpid_sim.periodic.sweep import cases
+    from atpid_dynamics.over_heights import HeightSweep, Way, over_heights
+    from atpid_dynamics.sweep import cases
 
     scene = load_scene(args.scene)
     if args.out is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from atpid_sim.periodic.over_heights import Way, over_heights
+from atpid_dynamics.over_heights import Way, over_heights
 from atpid_sim.results import Drawn, in_unit
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Workers

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_dynamics.engine.neighbour_run import solve_along
+from atpid_dynamics.heights import HeightTables, tables_at
 from atpid_sim.engine import columns
-from atpid_sim.engine.neighbour_run import solve_along
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.approach import still_from
@@ -32,7 +33,6 @@ from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.fidelity import Choice, choose
-from atpid_sim.simulation.heights import HeightTables, tables_at
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
