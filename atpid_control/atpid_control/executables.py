@@ -3,6 +3,7 @@
 """Entry points of the executables: each loads its module with signals handled and returns its exit status."""
 
 import gc
+import os
 from functools import partial
 
 from atpid_common.interrupt import run_executable
@@ -14,6 +15,7 @@ def atpid() -> int:
     What a command loads it keeps: to look through it for garbage takes a third of the time of a short run.
     """
     gc.set_threshold(50_000, 20, 20)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would read every package's entry points for some
     status = run_executable("atpid_control.cli")
     gc.freeze()  # nor does the interpreter at its end
     return status

@@ -25,6 +25,7 @@ from numba.core.caching import InTreeCacheLocator
 from numba.extending import overload
 
 from atpid_common.folders import cache_root, content_key
+from atpid_sim.installed_laws import sources
 
 #: Folder of the cache for each source file.
 _FOLDERS: dict[str, str] = {}
@@ -70,7 +71,11 @@ _SHARED = ("fields.py", "kernel.py", "kernel_inputs.py", "outcome.py", "root.py"
 
 _HERE = Path(__file__).parent
 KERNEL_SOURCES = frozenset(
-    [*(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")), *(_HERE / name for name in _SHARED)]
+    [
+        *(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")),
+        *(_HERE / name for name in _SHARED),
+        *sources(),
+    ]
 )
 share_cache("kernels", KERNEL_SOURCES)
 

@@ -21,7 +21,6 @@ import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, did_you_mean, extras, one_line
@@ -213,6 +212,8 @@ def with_installed(commands: Commands) -> Commands:
 
     A package's command of the same name replaces none. Raises AtpidError naming a package that cannot be loaded.
     """
+    from importlib import metadata  # here: it loads slowly, and a command of the core needs none of it
+
     merged = {heading: dict(group) for heading, group in commands.items()}
     names = {name for group in commands.values() for name in group}
     for entry in sorted(metadata.entry_points(group=GROUP), key=lambda entry: entry.name):
