@@ -23,13 +23,13 @@ import pytest
 import yaml
 
 from atpid_campaign.doctor import devices
-from atpid_campaign.doctor.checks import CHECKS, block, verdict_of
+from atpid_campaign.doctor.checks import all_checks, block, examine, verdict_of
 from atpid_campaign.doctor.command import add_arguments
-from atpid_campaign.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_common.claim import claimed
 from atpid_common.cli import Parser
 from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_control.cli import main
+from atpid_control.stand.findings import Finding, Subject, Verdict
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
@@ -92,7 +92,7 @@ class Stand:
     def drive(self, **changed: Any) -> Outputs:
         """Let a T7 drive an inverter, its settings in a file of the user's; return its outputs."""
         self.environment["ATPID_LJM_OUTPUT"] = str(self.folder / "output")
-        text = (ROOT / "atpid_driver/config/excitation.yaml").read_text()
+        text = (ROOT / "extensions/atpid_exciter/config/excitation.yaml").read_text()
         self.options.excitation_config = self.folder / "excitation.yaml"
         self.options.excitation_config.write_text(text.replace("backend: simulated", "backend: labjack_dac"))
         file = self.calibrate("drive_frequency", unit="Hz", coefficients=(0.0, 2.0), limits_volts=(0.0, 5.0))
@@ -109,7 +109,7 @@ class Stand:
 
     def rows(self, *names: str, **changed: Any) -> list[Finding]:
         """Return what the checks of these names find; of none given, all."""
-        chosen = {name: place for name, place in CHECKS.items() if not names or name in names}
+        chosen = {name: place for name, place in all_checks().items() if not names or name in names}
         return list(examine(self.subject(**changed), chosen))
 
     def problems(self, *names: str, **changed: Any) -> list[tuple[Verdict, str]]:
