@@ -7,7 +7,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "atpid_driver"
-NODES = ["acquisition_node", "excitation_node", "feed_node", "labjack_node", "motor_node", "ni_node"]
+NODES = ["acquisition_node", "feed_node", "labjack_node", "motor_node", "ni_node"]
 
 
 def shared_files(*folders: str) -> list[tuple[str, list[str]]]:

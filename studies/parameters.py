@@ -17,8 +17,9 @@ from atpid_common.nodes.parameters import Entry
 from atpid_control.nodes import foxglove_node, live_node, recorder_parameters, replay_node
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
-from atpid_driver.nodes import excitation_node, feed_node, motor_interface
+from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
+from atpid_exciter.nodes import excitation_node
 from atpid_sim.nodes import plant_node
 
 Table = tuple[Entry, ...]
@@ -56,7 +57,7 @@ CHOSEN: dict[str, Table] = {
     "atpid_driver/config/ni.yaml": (*ACQUISITION, *BACKENDS["nidaqmx"]),
     "atpid_driver/config/motor.yaml": motor_interface.TABLE,
     "atpid_driver/config/motor_serial.yaml": motor_interface.TABLE,
-    "atpid_driver/config/excitation.yaml": excitation_node.TABLE,
+    "extensions/atpid_exciter/config/excitation.yaml": excitation_node.TABLE,
     "atpid_sim/config/plant.yaml": plant_node.PARAMETERS,
 }
 #: Arguments of the example in the help.

@@ -57,7 +57,7 @@ EXECUTABLES = {
     ],
     ("atpid_driver", "feed_node"): ["labjack.yaml", "feed:={}/feed", "calibrations:=[laser_beam.yaml]"],
     ("atpid_driver", "motor_node"): ["motor.yaml"],
-    ("atpid_driver", "excitation_node"): ["excitation.yaml", "backend:=simulated"],
+    ("atpid_exciter", "excitation_node"): ["excitation.yaml", "backend:=simulated"],
     ("atpid_control", "foxglove_node"): ["recorder.yaml", "port:=0"],
     ("atpid_control", "identifier_node"): ["identifier.yaml"],
     ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],

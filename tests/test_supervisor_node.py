@@ -38,8 +38,8 @@ from atpid_common.testing import repeated_after_a_halt
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_control.views.live.requests import read_request
-from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
+from atpid_exciter.nodes.excitation_node import ExcitationNode
 
 pytestmark = repeated_after_a_halt
 

@@ -28,7 +28,6 @@ COMMANDS: Commands = {
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
-        "excite": ("atpid_control.stand.nodes.excite", "command the exciter of nodes that run already, until Ctrl-C"),
         "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },

@@ -7,7 +7,6 @@ from functools import partial
 from atpid_common.interrupt import run_executable
 
 acquisition_node = partial(run_executable, "atpid_driver.nodes.acquisition_node")
-excitation_node = partial(run_executable, "atpid_driver.nodes.excitation_node")
 feed_node = partial(run_executable, "atpid_driver.nodes.feed_node")
 labjack_node = partial(run_executable, "atpid_driver.nodes.labjack_node")
 motor_node = partial(run_executable, "atpid_driver.nodes.motor_node")

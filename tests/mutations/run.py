@@ -29,7 +29,12 @@ from mutation import ROOT, Mutation, MutationError, listed
 from atpid_common.folders import cache_root
 from atpid_driver.emulator import build_emulator, missing_tools
 
-PACKAGES = ("atpid_control", "atpid_sim", "atpid_driver")
+#: Folders of the packages that are found in a copy: those with share folders, and what all import.
+PACKAGES = (
+    *("atpid_control", "atpid_sim", "atpid_driver"),
+    *sorted(f"extensions/{path.parent.name}" for path in ROOT.glob("extensions/*/package.xml")),
+)
+COMMON = "atpid_interfaces/atpid_common"
 FIRMWARE = "atpid_driver/firmware/"
 SURVIVED = "SURVIVED"
 
@@ -59,16 +64,19 @@ class Tree:
         self._share_cache(folder / "made" / "cache")
 
     def _install(self, made: Path) -> None:
-        """Let ROS find the packages' share folders here."""
+        """Let ROS find the packages' share folders here, and Python their entry points."""
         index = made / "share" / "ament_index" / "resource_index" / "packages"
         index.mkdir(parents=True)
-        for package in PACKAGES:
-            (index / package).touch()
-            share = made / "share" / package
+        for place in (self.folder / package for package in PACKAGES):
+            (index / place.name).touch()
+            share = made / "share" / place.name
             share.mkdir()
             for name in ("config", "firmware", "launch", "package.xml"):
-                if (self.folder / package / name).exists():
-                    (share / name).symlink_to(self.folder / package / name)
+                if (place / name).exists():
+                    (share / name).symlink_to(place / name)
+            if place.parent.name == "extensions":  # the core has no entry points of its own that tests need
+                describe = [sys.executable, "setup.py", "--quiet", "egg_info"]
+                subprocess.run(describe, cwd=place, check=True, capture_output=True)
 
     def _share_cache(self, cache: Path) -> None:
         """Use what the user's cache has, and leave no mutated firmware there."""
@@ -83,7 +91,7 @@ class Tree:
     def environment(self) -> dict[str, str]:
         """The environment in which Python and ROS take the packages from here."""
         made = self.folder / "made"
-        paths = [str(self.folder / package) for package in (*PACKAGES, "atpid_interfaces/atpid_common")]
+        paths = [str(self.folder / package) for package in (*PACKAGES, COMMON)]
         return os.environ | {
             "PYTHONPATH": os.pathsep.join([*paths, os.environ.get("PYTHONPATH", "")]),
             "AMENT_PREFIX_PATH": os.pathsep.join([str(made), os.environ.get("AMENT_PREFIX_PATH", "")]),

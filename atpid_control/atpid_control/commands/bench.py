@@ -28,7 +28,7 @@ from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.launching.options import add_bench as add_arguments
 from atpid_control.stand.parameters import Parameters, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, parameters_for, parts_of
+from atpid_control.stand.parts import NAMES, exciter_of, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
 from atpid_control.stand.running import Commands, RosOptions, commands_of, run_lockstep, run_realtime, shown
 from atpid_driver.emulator import missing_tools
@@ -68,6 +68,7 @@ def recorded(args: argparse.Namespace) -> Iterator[Scene]:
         print(f"warning: {line}", file=sys.stderr)
     scene_file, out = args.scene.resolve(), args.out.resolve()
     # checked here, before an earlier run is moved or a node started
+    exciter_of(scene)
     height_map = map_of_run(scene, args.map and args.map.absolute(), given.get("selector_node", {}).get("method", ""))
     with outdir.of_run(out, scene_file):
         _run_graph(args, scene, (scene_file, height_map, out / "bag"), given, out)

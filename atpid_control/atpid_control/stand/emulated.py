@@ -10,13 +10,12 @@ emulated motor, and its laser signals become the voltages that the stand-in devi
 import datetime
 import math
 from pathlib import Path
-from typing import Any
 
 from atpid_common.injected_faults import CEILING, LINK
+from atpid_control.stand.added import EXCITER, added_part
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.parameters import Parameters, combined
 from atpid_control.stand.parts import (
-    EXCITATION,
     FEED,
     LABJACK,
     NODES,
@@ -24,7 +23,7 @@ from atpid_control.stand.parts import (
     SERIAL_MOTOR,
     SUPERVISOR,
     ceiling_parameters,
-    excitation_parameters,
+    exciter_of,
     own_parameters,
     program,
     supervised,
@@ -41,8 +40,6 @@ from atpid_sim.scene import Scene
 _BEHIND = "emulated/sensors/laser"
 _LOOP = ("identifier", "selector", "recorder")
 _CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
-#: Output of the stand-in NI module.
-_NI_OUTPUT = "cDAQ1Mod1/ao0"
 
 
 def parameters_emulated(
@@ -79,33 +76,13 @@ def parameters_emulated(
     parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
     rest = [0.0, scene.initial_deflection - scene.static_deflection]
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND, "rest": rest} | sampled
-    excited = (EXCITATION,) if scene.excitation.is_commanded else ()
-    if excited:
-        own = (given or {}).get(EXCITATION.name, {})
-        parameters[EXCITATION.name], more = _exciter(scene, place, excitation_parameters(scene) | own)
+    if excited := exciter_of(scene):
+        exciter, own = added_part(EXCITER), (given or {}).get(EXCITER, {})
+        parameters[EXCITER], more = exciter.emulated(scene, place, exciter.simulated(scene) | own)
         parameters["feed_node"] |= more
     parameters[SUPERVISOR.name] = supervised((*PARTS, *excited, LABJACK, FEED), scene, scene_file)
     usual = usual_parameters((*PARTS, *excited, SUPERVISOR, LABJACK, FEED), scene)
     return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
-
-
-def _exciter(scene: Scene, place: Path, own: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the parameters of the excitation node and those of the feed: a shaker, or an eccentric drive.
-
-    own: of the excitation node, whose backend may be labjack_dac or nidaqmx; each is calibrated over its range.
-    """
-    backend = own["backend"] if own["backend"] in ("labjack_dac", "nidaqmx") else "labjack_stream"
-    level, most = backend == "labjack_dac", own["highest_amplitude"]
-    top = own["highest_frequency"] if level else 3.0 * most  # a controller may need more than the command
-    channel, unit = ("drive_frequency", "Hz") if level else ("drive_amplitude", scene.driven_by.unit)
-    low, high = (-10.0, 10.0) if backend == "nidaqmx" else (0.0, 5.0)
-    least = 0.0 if level else -top
-    gain = (top - least) / (high - low)
-    path = _calibrated(place / "exciter.yaml", channel, unit, (least - gain * low, gain), (low, high))
-    node = own | {"backend": backend, "calibration": str(path), "supervised": True}
-    if backend == "nidaqmx":
-        node["terminal"] = _NI_OUTPUT
-    return node, {"output": str(place / "output"), "output_calibration": str(path), "disc": most if level else 0.0}
 
 
 def _load_cell(scene: Scene, place: Path) -> Path:
@@ -114,10 +91,10 @@ def _load_cell(scene: Scene, place: Path) -> Path:
     if not 0.0 < amplitude < math.inf:
         raise BenchError("the emulated stand needs the range of its load cell: give the scene's force an amplitude")
     drive, gain = scene.driven_by, 0.2 * amplitude  # twice the scene's largest amplitude at 10 V
-    return _calibrated(place / "load_cell.yaml", drive.channel, drive.unit, (0.0, gain), (-10.0, 10.0))
+    return calibrated(place / "load_cell.yaml", drive.channel, drive.unit, (0.0, gain), (-10.0, 10.0))
 
 
-def _calibrated(
+def calibrated(
     path: Path, channel: str, unit: str, coefficients: tuple[float, float], volts: tuple[float, float]
 ) -> Path:
     """Write the calibration of an emulated device, and return its file."""
@@ -146,8 +123,8 @@ def commands_emulated(
         (name, ["env", *_device_environment(place / "device", f"feed:{place / 'laser'}"), *labjack]),
         *(command_of(part, parameter_file, ros) for part in last),
     ]
-    if scene.excitation.is_commanded:
-        exciter, words = command_of(EXCITATION, parameter_file, ros)
+    for part in exciter_of(scene):
+        exciter, words = command_of(part, parameter_file, ros)
         own = _device_environment(place / "exciter", output=place / "output")  # another one than that of the lasers
         commands.insert(1, (exciter, ["env", *own, *words]))
     return [*commands, ("emulator", emulator_command(scene, place))] if board else commands

@@ -5,46 +5,21 @@
 import argparse
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+from ament_index_python.packages import get_package_prefix
 
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
-from atpid_control.stand.errors import BenchError
-from atpid_control.stand.parameters import Parameters, combined, read_parameters
+from atpid_control.stand.added import EXCITER, added_part
+from atpid_control.stand.parameters import Parameters, combined
+from atpid_control.stand.part import Part, built, found
 from atpid_sim.scene import Scene
 
 #: Speed of a ceiling for which no speed is given: the standard bench's [m/s].
 _USUAL_SPEED = 0.3
-
-
-@dataclass(frozen=True)
-class Part:
-    """One node of the graph: an executable of a package, and its parameter file.
-
-    That is one of the package, or a user's, by its absolute path; "": it has none.
-    """
-
-    package: str
-    name: str
-    config: str
-
-    @property
-    def executable(self) -> Path:
-        """What `ros2 run` starts; raises BenchError where the workspace is not built."""
-        return _built(Path(_found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
-
-    @property
-    def config_file(self) -> Path:
-        """Its parameter file; raises BenchError where the workspace is not built."""
-        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
-
-    def configured(self) -> dict[str, Any]:
-        """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
-        return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
 
 
 PARTS = (
@@ -67,24 +42,33 @@ NI = Part("atpid_driver", "ni_node", "ni.yaml")
 SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 #: Of the emulated stand: what passes the plant's signals on to the device.
 FEED = Part("atpid_driver", "feed_node", "")
-#: What excites the structure, where the scene or the stand's configuration has it commanded.
-EXCITATION = Part("atpid_driver", "excitation_node", "excitation.yaml")
 #: Silence of a node that stops an exciter [s].
 _EXCITED = 0.3
 #: Names for which a parameter file may have values, whichever of them a run has.
-NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, EXCITATION, LIVE, LABJACK, NI, FEED))
+NAMES = (*(part.name for part in (*REAL_TIME_PARTS, LIVE, LABJACK, NI, FEED)), EXCITER)
 
 
 def parts_of(scene: Scene, *, lockstep: bool) -> tuple[Part, ...]:
-    """Return the nodes of the simulated bench for a scene, in real time in the order of stopping."""
+    """Return the nodes of the simulated bench for a scene, in real time in the order of stopping.
+
+    Raises BenchError where the scene's excitation is commanded and no installed package has the node for it.
+    """
     parts = PARTS if lockstep else REAL_TIME_PARTS
     # what moves comes first, and what records comes last
-    return (parts[0], EXCITATION, *parts[1:]) if scene.excitation.is_commanded else parts
+    return (parts[0], *exciter_of(scene), *parts[1:])
+
+
+def exciter_of(scene: Scene) -> tuple[Part, ...]:
+    """Return what excites the structure, where the scene has it commanded. Raises BenchError: no package has it."""
+    return (added_part(EXCITER).part,) if scene.excitation.is_commanded else ()
 
 
 def devices_of(args: argparse.Namespace) -> list[Part]:
-    """Return the stand's devices, those that move first, each with the user's parameter file where one is given."""
-    exciter = [(EXCITATION, args.excitation_config)] if args.excitation_config else []
+    """Return the stand's devices, those that move first, each with the user's parameter file where one is given.
+
+    Raises BenchError where an exciter is to be driven and no installed package has its node.
+    """
+    exciter = [(added_part(EXCITER).part, args.excitation_config)] if args.excitation_config else []
     read = [(LABJACK, args.labjack_config), *([(NI, args.ni_config)] * args.ni)]
     given = [(SERIAL_MOTOR, args.motor_config), *exciter, *read]
     return [replace(part, config=str(file.absolute())) if file else part for part, file in given]
@@ -139,7 +123,8 @@ def own_parameters(
         parameters["motor_node"] |= {"faults": injected}
     parameters["recorder_node"] = {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
     if scene.excitation.is_commanded:
-        parameters[EXCITATION.name] = excitation_parameters(scene) | {"lockstep": lockstep, "supervised": not lockstep}
+        own = added_part(EXCITER).simulated(scene)
+        parameters[EXCITER] = own | {"lockstep": lockstep, "supervised": not lockstep}
     if not lockstep:
         parameters["motor_node"]["supervised"] = True
         parameters[SUPERVISOR.name] = supervised(parts_of(scene, lockstep=True), scene, scene_file)
@@ -151,16 +136,9 @@ def stand_parameters(parts: Iterable[Part], scene_file: Path, height_map: Path |
     named = {"scene": str(scene_file.absolute())}
     others = [part.name for part in parts if part.name not in (SUPERVISOR.name, LIVE.name)]
     return {
-        SERIAL_MOTOR.name: {"supervised": True}, EXCITATION.name: {"supervised": True},
+        SERIAL_MOTOR.name: {"supervised": True}, EXCITER: {"supervised": True},
         SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")},
     }  # fmt: skip
-
-
-def excitation_parameters(scene: Scene) -> dict[str, Any]:
-    """Return backend and limits of the simulated exciter: any amplitude of the scene, at any useful frequency."""
-    own = scene.natural_frequency_hz
-    return {"backend": "simulated", "highest_amplitude": scene.excitation.largest_amplitude,
-            "lowest_frequency": 0.1 * own, "highest_frequency": 10.0 * own}  # fmt: skip
 
 
 def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:
@@ -178,7 +156,7 @@ def answering(nodes: Iterable[str]) -> dict[str, Any]:
     What simulates or emulates it ends before the others.
     """
     names = list(nodes)
-    if EXCITATION.name not in names:
+    if EXCITER not in names:
         return {"nodes": names}
     needed = [name for name in names if name not in ("plant_node", FEED.name)]
     return {"nodes": names, "needed": needed, "answer_time": _EXCITED}
@@ -201,17 +179,4 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
 
 def program() -> Path:
     """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
-    return _built(Path(_found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
-
-
-def _built(path: Path) -> Path:
-    if not path.exists():
-        raise BenchError(f"{path} is missing: build the workspace with `make setup`")
-    return path
-
-
-def _found(where: Any, package: str) -> str:
-    try:
-        return str(where(package))
-    except (PackageNotFoundError, OSError):
-        raise BenchError(f"package {package} is not on the path: `make setup`, then `. ros2_ws/activate`") from None
+    return built(Path(found(get_package_prefix, "atpid_control")) / "bin" / "atpid")

@@ -20,9 +20,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.injected_faults import RECORDER, Injected
 from atpid_common.waiting import to_stderr
+from atpid_control.stand.added import EXCITER, added_part
 from atpid_control.stand.errors import BenchError, PlantFailedError
 from atpid_control.stand.parameters import Parameters
-from atpid_control.stand.parts import EXCITATION, PARTS, REAL_TIME_PARTS, Part
+from atpid_control.stand.part import Part
+from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS
 from atpid_control.stand.processes import Processes
 from atpid_control.stand.security import enclave_arguments
 from atpid_control.stand.stop_key import stop_key
@@ -73,7 +75,8 @@ def run_lockstep(
     """
     from atpid_control.stand.nodes import composition
 
-    parts = [part for part in (PARTS[0], EXCITATION, *PARTS[1:]) if part.name in parameters]
+    excited = [added_part(EXCITER).part] if EXCITER in parameters else []
+    parts = [part for part in (PARTS[0], *excited, *PARTS[1:]) if part.name in parameters]
     composition.run_lockstep([(part.package, part.name) for part in parts], parameters, progress, follow, calls)
 
 

@@ -23,22 +23,23 @@ import pytest
 import yaml
 
 from atpid_campaign.doctor import devices
-from atpid_campaign.doctor.checks import CHECKS, block, verdict_of
+from atpid_campaign.doctor.checks import CHECKS, GROUP, all_checks, block, examine, verdict_of
 from atpid_campaign.doctor.command import add_arguments
-from atpid_campaign.doctor.findings import Finding, Subject, Verdict, examine
 from atpid_common.claim import claimed
 from atpid_common.cli import Parser
+from atpid_common.errors import AtpidError
 from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_control.cli import main
+from atpid_control.stand.findings import Finding, Subject, Verdict
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.control import SERIAL
-from atpid_driver.standins.outputs import Outputs
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 TODAY = datetime.date.today()
+AFTER_DEVICES = ["calibrations", "ranges", "real time", "USB", "disk", "clock"]
 WRONG, DEGRADED = Verdict.WOULD_FAIL, Verdict.DEGRADED
 #: What a machine's kernel shows where all is well.
 MACHINE = {
@@ -89,17 +90,6 @@ class Stand:
         save(Calibration(**values | changed), self.folder / f"{channel}.yaml")
         return f"{channel}.yaml"
 
-    def drive(self, **changed: Any) -> Outputs:
-        """Let a T7 drive an inverter, its settings in a file of the user's; return its outputs."""
-        self.environment["ATPID_LJM_OUTPUT"] = str(self.folder / "output")
-        text = (ROOT / "atpid_driver/config/excitation.yaml").read_text()
-        self.options.excitation_config = self.folder / "excitation.yaml"
-        self.options.excitation_config.write_text(text.replace("backend: simulated", "backend: labjack_dac"))
-        file = self.calibrate("drive_frequency", unit="Hz", coefficients=(0.0, 2.0), limits_volts=(0.0, 5.0))
-        own = {"calibration": file, "calibration_folder": str(self.folder)}
-        self.values["excitation_node"] = own | {"library": self.values["labjack_node"]["library"]} | changed
-        return Outputs(self.folder / "output")
-
     def subject(self, **changed: Any) -> Subject:
         """Return what is checked, its parameters written."""
         file = self.folder / "parameters.yaml"
@@ -109,7 +99,7 @@ class Stand:
 
     def rows(self, *names: str, **changed: Any) -> list[Finding]:
         """Return what the checks of these names find; of none given, all."""
-        chosen = {name: place for name, place in CHECKS.items() if not names or name in names}
+        chosen = {name: place for name, place in all_checks().items() if not names or name in names}
         return list(examine(self.subject(**changed), chosen))
 
     def problems(self, *names: str, **changed: Any) -> list[tuple[Verdict, str]]:
@@ -156,7 +146,7 @@ def test_a_right_stand_is_right(stand: Stand) -> None:
     left = [row for row in rows if row.check not in {"workspace", *refused}]
     assert problems(left) == []
     assert not any(row.verdict is WRONG for row in rows)
-    assert {row.check for row in rows if row.verdict is Verdict.NOT_CHECKED} == {"NI", "exciter"}
+    assert {row.check for row in rows if row.verdict is Verdict.NOT_CHECKED} - {"exciter"} == {"NI"}
     assert str(Path.home()) not in block(rows)
 
 
@@ -240,10 +230,6 @@ def sensor(**changed: Any) -> Change:
     return lambda stand: stand.calibrate("beam_displacement", **changed)
 
 
-def exciter(**changed: Any) -> Change:
-    return lambda stand: stand.drive(**changed)
-
-
 class Case(NamedTuple):
     """One thing that is made wrong, the check that finds it, and parts of what it finds."""
 
@@ -292,10 +278,6 @@ CASES = {
     "nominal": Case("calibrations", sensor(source="nominal, data sheet"), DEGRADED, "nominal"),
     "scatter": Case("calibrations", sensor(residual_std=0.1), DEGRADED, "bad readings"),
     "reach": Case("ranges", sensor(coefficients=(-0.225, 0.075)), DEGRADED, r"±0\.15 .*±0\.667"),
-    # the exciter's parameters
-    "none given": Case("exciter", exciter(calibration=""), WRONG, "calibration is empty"),
-    "the sensors'": Case("exciter", exciter(calibration="beam_displacement.yaml"), WRONG, "beam_.*labjack_dac"),
-    "limits": Case("exciter", exciter(lowest_frequency=90.0), WRONG, "0 < lowest < highest"),
     # the rest
     "scene": Case("scene", lambda stand: vars(stand.options).update(scene=ROOT / "README.md"), WRONG, "README.md"),
     "map": Case("scene", lambda stand: vars(stand.options).update(map=ROOT / "README.md"), WRONG, "README.md"),
@@ -332,23 +314,6 @@ def test_a_device_that_is_unplugged_is_named(stand: Stand, control: Control) -> 
     assert (verdict, "T7" in text) == (WRONG, True)
 
 
-def test_an_exciter_is_opened_and_closed_with_its_output_off_unless_it_runs(stand: Stand) -> None:
-    outputs = stand.drive()
-    found = stand.rows("exciter")
-    assert problems(found) == []
-    assert f"labjack:{SERIAL} DAC0" in found[1].found
-    assert outputs.volts(0) == 0.0
-    holder = claimed(f"{stand.environment['ROS_DOMAIN_ID']}/excitation_node")
-    assert holder is not None
-    with holder:
-        last = stand.rows("exciter")[-1]
-    assert (last.verdict, "excitation_node" in last.found) == (Verdict.NOT_CHECKED, True)
-    stand.options.excitation_config.write_text("/**/excitation_node: {ros__parameters: {backend: simulated}}")
-    ((verdict, text),) = stand.problems("exciter")
-    assert verdict is WRONG
-    assert all(name in text for name in ("'highest_amplitude'", "'lowest_frequency'", "'highest_frequency'"))
-
-
 def test_a_package_that_is_missing_is_named(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap", None)
     found = stand.problems("packages")
@@ -361,6 +326,29 @@ def test_a_wall_clock_that_was_set_or_is_wrong_is_named(stand: Stand) -> None:
     assert re.search(r"\+3\.[0-9]", found[0][1])
     found = stand.problems("clock", begun=(0, now))
     assert [verdict for verdict, text in found if "1970" in text] == [WRONG]
+
+
+def test_an_installed_package_adds_checks_among_those_of_devices(
+    stand: Stand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check = """
+from atpid_control.stand.findings import judged
+CHECKS = {"valve": ("of_valves:check", "open it"), "clock": ("of_valves:check", "")}
+def check(at):
+    yield judged("the valve is shut", "open it", fails=True)
+"""
+    (tmp_path / "of_valves.py").write_text(check)
+    info = tmp_path / "of_valves-1.dist-info"
+    info.mkdir()
+    (info / "entry_points.txt").write_text(f"[{GROUP}]\nof_valves = of_valves:CHECKS\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    names = list(all_checks())
+    assert [name for name in names if name != "exciter"] == [*names[: names.index("NI") + 1], "valve", *AFTER_DEVICES]
+    assert all_checks()["clock"] == CHECKS["clock"]
+    assert stand.problems("valve") == [(WRONG, "the valve is shut")]
+    (info / "entry_points.txt").write_text(f"[{GROUP}]\nof_valves = missing_valves:CHECKS\n")
+    with pytest.raises(AtpidError, match="the checks of of_valves"):
+        all_checks()
 
 
 def test_the_worst_finding_is_the_status(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

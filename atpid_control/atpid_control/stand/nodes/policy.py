@@ -18,23 +18,14 @@ from atpid_common.errors import DONE
 from atpid_common.nodes.node_main import initialise
 from atpid_common.output import writing
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.added import EXCITER, added_part, is_installed
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes.composition import node_class
-from atpid_control.stand.parts import EXCITATION, LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
+from atpid_control.stand.part import Part
+from atpid_control.stand.parts import LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
 from atpid_control.stand.security import OPERATOR, Rights, operator_rights, policy
 from atpid_sim.scene import load_scene
 
-STAND = (
-    SERIAL_MOTOR,
-    EXCITATION,
-    SUPERVISOR,
-    LABJACK,
-    NI,
-    NODES["identifier_node"],
-    NODES["selector_node"],
-    NODES["recorder_node"],
-    LIVE,
-)
 #: What a node opens only while it works, or with other parameters than those of its file.
 LATER = {
     "identifier_node": Rights(subscribe={"/ceiling/state"}),  # where it infers from the beam
@@ -45,14 +36,22 @@ _LISTED, _READ = "/list_parameters", "/get_parameters"
 EXAMPLE = "scenes/stand_realtime.yaml --out atpid_control/config/security/stand.policy.xml"
 
 
+def stand() -> tuple[Part, ...]:
+    """Return the stand's nodes, with what excites it where a package that is installed has that."""
+    loop = (NODES[name] for name in ("identifier_node", "selector_node", "recorder_node"))
+    exciter = (added_part(EXCITER).part,) if is_installed(EXCITER) else ()
+    return (SERIAL_MOTOR, *exciter, SUPERVISOR, LABJACK, NI, *loop, LIVE)
+
+
 @contextmanager
 def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
     """Yield the stand's nodes by name, in a domain of their own; none is spun, so no device is opened."""
+    parts = stand()
     given: Mapping[str, Mapping[str, Any]] = {
         "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
         "motor_node": {"supervised": True},
-        "excitation_node": {"supervised": True},
-        "supervisor_node": {"nodes": [part.name for part in STAND if part not in (SUPERVISOR, LIVE)]},
+        EXCITER: {"supervised": True},
+        "supervisor_node": {"nodes": [part.name for part in parts if part not in (SUPERVISOR, LIVE)]},
         "live_node": {"scene": str(scene), "port": 0},
         "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},
     }
@@ -61,7 +60,7 @@ def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
         initialise([], context=context)
         nodes: dict[str, Node] = {}
         try:
-            for part in STAND:
+            for part in parts:
                 values = {**part.configured(), **given.get(part.name, {})}
                 overrides = [Parameter(key, value=value) for key, value in values.items()]
                 nodes[part.name] = node_class(part.package, part.name)(parameter_overrides=overrides, context=context)

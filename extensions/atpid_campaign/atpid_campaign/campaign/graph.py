@@ -19,19 +19,12 @@ from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.added import EXCITER, added_part
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.errors import BenchError
 from atpid_control.stand.parameters import Parameters, combined, write_parameters
-from atpid_control.stand.parts import (
-    EXCITATION,
-    LABJACK,
-    NODES,
-    SERIAL_MOTOR,
-    SUPERVISOR,
-    stand_parameters,
-    usual_parameters,
-)  # fmt: skip
+from atpid_control.stand.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, stand_parameters, usual_parameters
 from atpid_control.stand.processes import NodeProcess, Processes
 from atpid_control.stand.running import PLAIN, Commands, command_of, commands_of
 from atpid_driver.emulator import missing_tools
@@ -100,8 +93,12 @@ class GraphStand(Stand):
 
     def _real(self, point: Point) -> tuple[Parameters, Commands]:
         given = self._campaign.configurations
-        files = {SERIAL_MOTOR: given.motor, EXCITATION: given.excitation, SUPERVISOR: given.supervisor,
-                 LABJACK: given.labjack}  # fmt: skip
+        files = {
+            SERIAL_MOTOR: given.motor,
+            added_part(EXCITER).part: given.excitation,
+            SUPERVISOR: given.supervisor,
+            LABJACK: given.labjack,
+        }
         parts = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
         parts += [NODES[name] for name in ("identifier_node", "selector_node", _RECORDER)]  # what moves comes first
         scene, file = self._of_graph(point)

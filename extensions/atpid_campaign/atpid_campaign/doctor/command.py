@@ -5,9 +5,9 @@
 import argparse
 import json
 
-from atpid_campaign.doctor.checks import CHECKS, block, verdict_of
-from atpid_campaign.doctor.findings import Subject, examine
+from atpid_campaign.doctor.checks import all_checks, block, examine, verdict_of
 from atpid_common.arguments import file_path, real, word
+from atpid_control.stand.findings import Subject
 from atpid_control.stand.launching.options import add_devices, add_parameters
 
 #: Arguments of the example in the help.
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the checks and print them; return 0, 1 where a run would be degraded, 2 where it would fail."""
-    found = list(examine(Subject(args), CHECKS))
+    found = list(examine(Subject(args), all_checks()))
     status = verdict_of(found)
     plain = [finding._asdict() | {"verdict": finding.verdict.word} for finding in found]
     print(json.dumps({"verdict": status.word, "checks": plain}, indent=2) if args.json else block(found))

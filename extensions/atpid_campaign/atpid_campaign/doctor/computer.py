@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from atpid_campaign.doctor.findings import Finding, Subject, judged
 from atpid_common.real_time import LOOP_PRIORITY, refusal
+from atpid_control.stand.findings import Finding, Subject, judged
 
 #: Memory that the stand's nodes take [bytes].
 _NODES = 0.8e9

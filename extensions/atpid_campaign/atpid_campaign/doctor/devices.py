@@ -1,40 +1,27 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the stand's devices: board, LabJack, NI module, exciter, calibrations. Nothing moves."""
+"""Checks of the stand's devices: board, LabJack, NI module, calibrations. Nothing moves."""
 
-import datetime
 import grp
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
-
-from atpid_campaign.doctor.findings import Finding, NotCheckedError, Subject, judged
-from atpid_campaign.doctor.software import running
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.calibration_findings import judged_calibration, reach_of
+from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.supervision.loop_check import Ceiling, disagreements
 from atpid_driver.acquisition.registry import create
 from atpid_driver.acquisition.settings import wired
-from atpid_driver.calibration.convert import calibrations_of, check_channels, shipped_calibrations, si_of
+from atpid_driver.calibration.convert import calibrations_of, check_channels
 from atpid_driver.calibration.model import Calibration
-from atpid_driver.excitation import ExcitationSettings, drive_of
-from atpid_driver.excitation.outlets import calibration_of
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings
 
-#: A calibration is made anew after this many days; readings that one needs; its residual over its range [-].
-_OLD, _READINGS, _RESIDUAL = 365, 7, 0.01
-#: Units by the end of a channel's name.
-_UNITS = {"displacement": "m", "acceleration": "m/s^2", "force": "N"}
 _LISTED = ("dev/serial/by-id/*", "dev/ttyACM*", "dev/ttyUSB*")
-
-S = TypeVar("S", MotorSettings, ExcitationSettings)
 
 
 def board(at: Subject) -> Iterator[Finding]:
@@ -42,7 +29,7 @@ def board(at: Subject) -> Iterator[Finding]:
 
     Opening the port restarts a real board, whose motor is off then; it is asked for its identity and its state.
     """
-    settings = _settings(at, MotorSettings, "motor_node")
+    settings = at.settings(MotorSettings, "motor_node")
     port = Path(settings.port)
     if problem := _closed(at, port):
         yield problem
@@ -53,15 +40,6 @@ def board(at: Subject) -> Iterator[Finding]:
     yield judged(f"{identity.name} {identity.version} answers at {settings.port}")
     if faults:
         yield judged(f"it would not be armed: {faults}", "remove the cause (docs/motor_protocol.md)", fails=True)
-
-
-def _settings(at: Subject, kind: type[S], node: str) -> S:
-    """Return a device's settings. Raises DriverError for an invalid one, BenchError where one is missing."""
-    values = at.parameters[node]
-    try:
-        return kind(**{one.name: values[one.name] for one in fields(kind) if one.init and one.name in values})
-    except TypeError as error:
-        raise BenchError(f"{node}: {error}; give them in its parameter file") from None
 
 
 def _closed(at: Subject, port: Path) -> Finding | None:
@@ -90,7 +68,7 @@ def travel(at: Subject) -> Iterator[Finding]:
     """Compare the scene's ceiling with the motor node's, which has to lie inside the firmware's."""
     if not (ceiling := at.scene.ceiling).controlled:
         raise NotCheckedError("the scene's ceiling has no controller")
-    motor = _settings(at, MotorSettings, "motor_node")
+    motor = at.settings(MotorSettings, "motor_node")
     own = Ceiling(motor.lowest, motor.highest, motor.speed)
     lines = disagreements(Ceiling(*ceiling.range, ceiling.speed), own)
     yield judged("; ".join(lines) or "the scene's ceiling is inside the motor's range",
@@ -121,22 +99,9 @@ def _opened(at: Subject, node: str) -> Iterator[Finding]:
     yield judged(text, f"serial: {identity.serial}", degrades=not values.get("serial"))
 
 
-def exciter(at: Subject) -> Iterator[Finding]:
-    """Check the exciter's settings, its calibration, and its device, which is opened, its output off, and closed."""
-    if not at.options.excitation_config:
-        raise NotCheckedError("no exciter is driven (--excitation-config)")
-    settings = _settings(at, ExcitationSettings, "excitation_node")
-    if settings.backend != "simulated":
-        yield _judged(calibration_of(settings, shipped_calibrations()))  # raises CalibrationError
-    if "excitation_node" in running(at):
-        raise NotCheckedError("excitation_node runs: its output would be switched off")
-    with closing(drive_of(settings, shipped_calibrations)) as drive:
-        yield judged(f"{drive.connect()} answers")  # raises DriverError
-
-
 def calibrations(at: Subject) -> Iterator[Finding]:
     """Check the calibration of each channel: read, of the right unit, young, from readings."""
-    return map(_judged, _calibrations(at))
+    return map(judged_calibration, _calibrations(at))
 
 
 def ranges(at: Subject) -> Iterator[Finding]:
@@ -149,7 +114,7 @@ def ranges(at: Subject) -> Iterator[Finding]:
     }
     for one in _calibrations(at):
         if one.channel in reached:
-            reach, amplitude = _reach(one), reached[one.channel]
+            reach, amplitude = reach_of(one), reached[one.channel]
             yield judged(f"{one.channel}: reads ±{reach:.3g} {one.unit}, the scene's closed damper ±{amplitude:.3g}",
                          "a sensor of a larger range, or a smaller amplitude", degrades=amplitude > reach)  # fmt: skip
 
@@ -161,26 +126,3 @@ def _calibrations(at: Subject) -> Iterator[Calibration]:
             found = calibrations_of(values)
             check_channels(found, tuple(values["channels"]))
             yield from found
-
-
-def _reach(one: Calibration) -> float:
-    """Return half the range of a calibration, in its unit."""
-    low, high = si_of(one, np.array(one.limits_volts))[0]
-    return abs(float(high - low)) / 2.0
-
-
-def _judged(one: Calibration) -> Finding:
-    unit = next((unit for end, unit in _UNITS.items() if one.channel.endswith(end)), one.unit)
-    age, reach = (datetime.date.today() - one.date).days, _reach(one)
-    nominal, few = one.source.startswith("nominal"), one.readings < _READINGS
-    problems = {
-        f"needed: {unit}": unit != one.unit,
-        "made in the future: one of the two dates is wrong": age < -1,
-        f"{age} days old": age > _OLD,
-        "nominal figures of the data sheet": nominal,
-        "few or bad readings": not nominal and (few or (one.residual_std or 0.0) > _RESIDUAL * reach),
-    }
-    about = f"{one.sensor} {one.serial}, {one.date}, ±{reach:.3g} {one.unit}, {one.readings} readings"
-    text = "; ".join([f"{one.channel}: {about}", *(name for name, there in problems.items() if there)])
-    return judged(text, "atpid calibrate sensor (docs/stand.md, Calibration)", fails=unit != one.unit or age < -1,
-                  degrades=any(problems.values()))  # fmt: skip

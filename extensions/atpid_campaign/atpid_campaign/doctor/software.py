@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from atpid_campaign.doctor.findings import Finding, NotCheckedError, Subject, judged
-from atpid_common.claim import claimed
 from atpid_common.middleware import CYCLONE_DDS, FAST_DDS, PROFILE, named_domain
 from atpid_control.stand.domain import HIGHEST, is_quiet
+from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
 
 #: Modules that the stand imports from other distributions, beside the vendors' (`devices`); the lock has others.
 _NEEDED = ("numpy", "scipy", "numba", "yaml", "pydantic", "serial", "rich", "mcap", "zstandard", "rclpy")
@@ -127,22 +126,9 @@ def _network(at: Subject) -> Iterator[Finding]:
                      "sudo ip link set IF up multicast on", degrades=True)  # fmt: skip
 
 
-def running(at: Subject) -> list[str]:
-    """Return the nodes of the stand that run already in this domain on this machine."""
-    from atpid_control.stand.parts import REAL_TIME_PARTS, devices_of
-
-    found = []
-    for name in dict.fromkeys(part.name for part in (*devices_of(at.options), *REAL_TIME_PARTS)):
-        if (holder := claimed(f"{named_domain() or 0}/{name}")) is None:
-            found.append(name)
-        else:
-            holder.close()
-    return found
-
-
 def nodes(at: Subject) -> Iterator[Finding]:
     """Check that no node of the stand runs already."""
-    found = running(at)
+    found = at.running()
     yield judged(f"run already: {', '.join(found) or 'none'}", "end them, or set another ROS_DOMAIN_ID",
                  fails=bool(found))  # fmt: skip
 

@@ -25,14 +25,14 @@ from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import NotReadyError
 from atpid_driver.acquisition.errors import StreamLostError, WrongDeviceError
 from atpid_driver.acquisition.labjack import load_ljm
-from atpid_driver.excitation import ExcitationSettings, drive_of, guarded
-from atpid_driver.excitation.drive import Output, OutputLostError
-from atpid_driver.excitation.limits import OFF, Command, CommandRefusedError
-from atpid_driver.excitation.outlet_process import PERIOD
-from atpid_driver.excitation.outlets import OUTLETS, T7Stream, calibration_of
-from atpid_driver.excitation.signals import Generator
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.outputs import HEADER, Outputs
+from atpid_exciter.excitation import ExcitationSettings, drive_of, guarded
+from atpid_exciter.excitation.drive import Output, OutputLostError
+from atpid_exciter.excitation.limits import OFF, Command, CommandRefusedError
+from atpid_exciter.excitation.outlet_process import PERIOD
+from atpid_exciter.excitation.outlets import OUTLETS, T7Stream, calibration_of
+from atpid_exciter.excitation.signals import Generator
 
 pytestmark = repeated_after_a_halt
 
@@ -360,9 +360,9 @@ def test_no_voltage_leaves_the_range_of_the_calibration(backend: str, tmp_path: 
 NODE = """
 import json, sys, time
 from pathlib import Path
-from atpid_driver.excitation import ExcitationSettings, drive_of
+from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_common.vocabulary import ExciterKind
-from atpid_driver.excitation.signals import Command
+from atpid_exciter.excitation.signals import Command
 drive = drive_of(ExcitationSettings(**json.loads(sys.argv[1])), lambda: Path(sys.argv[2]))
 drive.connect(); drive.enable(); drive.follow(Command(ExciterKind.SINE, 0.01, 5.4))
 while True:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from atpid_common.vocabulary import ExciterKind
 from atpid_driver import DriverError
-from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.settings import ExcitationSettings
 
 Floats = NDArray[np.float64]
 #: Backends that have amplitude and frequency, and no samples.

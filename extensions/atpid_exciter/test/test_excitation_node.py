@@ -27,13 +27,13 @@ from std_srvs.srv import Trigger
 from atpid_common.errors import InputError
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.testing import own_domain, repeated_after_a_halt, spin_until
-from atpid_driver.excitation.drive import Output
-from atpid_driver.excitation.guarded import GuardedDrive
-from atpid_driver.nodes import excitation_node
 from atpid_driver.nodes.authority import DISCOVERY_TIME
-from atpid_driver.nodes.excitation_node import DECIDED, ExcitationNode
 from atpid_driver.standins import build
 from atpid_driver.standins.outputs import Outputs
+from atpid_exciter.excitation.drive import Output
+from atpid_exciter.excitation.guarded import GuardedDrive
+from atpid_exciter.nodes import excitation_node
+from atpid_exciter.nodes.excitation_node import DECIDED, ExcitationNode
 
 pytestmark = repeated_after_a_halt
 

@@ -30,10 +30,10 @@ from rclpy.parameter import Parameter
 from atpid_common.nodes.messages import STATES, STEADY, time_of
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.supervisor_node import SupervisorNode
-from atpid_driver.nodes.excitation_node import ExcitationNode
 from atpid_driver.nodes.motor_node import MotorNode
 from atpid_driver.standins import Control
 from atpid_driver.standins.outputs import DATA_OFFSET, HEADER, QUEUE, Outputs
+from atpid_exciter.nodes.excitation_node import ExcitationNode
 
 Floats = NDArray[np.float64]
 #: Largest amplitude [m], and what a volt is [m/V], as `calibrate_shaker` has it; lowest and highest frequency [Hz].

@@ -23,11 +23,12 @@ from atpid_control.runs.verify import verify
 from atpid_control.stand.errors import NodeDiedError
 
 F = 5.4
+SCENE = Path(__file__).resolve().parents[3] / "scenes/stand_realtime.yaml"
 
 
-def commanded(scenes: Path, folder: Path, **changes: Any) -> Path:
+def commanded(folder: Path, **changes: Any) -> Path:
     own = {"excitation": {"commanded": True, "amplitude": 0.03, "frequency": F}} | changes
-    return scene_file(scenes / "stand_realtime.yaml", folder, **own)
+    return scene_file(SCENE, folder, **own)
 
 
 class Operator:
@@ -54,12 +55,10 @@ def series(bag: Bag, name: str) -> np.ndarray:
     return np.concatenate([np.asarray(getattr(message, name)) for _, message in bag.messages("/plant/truth")])
 
 
-def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_still(
-    scenes: Path, tmp_path: Path
-) -> None:
+def test_in_lockstep_the_plant_follows_the_states_and_without_a_command_stands_still(tmp_path: Path) -> None:
     sine = {"kind": ExcitationCommand.SINE, "amplitude": 0.02, "frequency": F}
     bag = in_lockstep(
-        commanded(scenes, tmp_path, duration=8.0, steady_window=[7.5, 8.0]), tmp_path / "run",
+        commanded(tmp_path, duration=8.0, steady_window=[7.5, 8.0]), tmp_path / "run",
         Operator([(1.0, sine), (4.0, sine | {"frequency": 5.0}), (6.0, {"kind": ExcitationCommand.OFF})]),
     )  # fmt: skip
     support, states = series(bag, "support"), [message for _, message in bag.messages("/excitation/state")]
@@ -105,8 +104,8 @@ class Killer:
                 self.process.send_signal(signal.SIGINT)
 
 
-def test_an_operator_excites_until_ctrl_c(scenes: Path, tmp_path: Path) -> None:
-    path = commanded(scenes, tmp_path, duration=120.0, steady_window=[119.0, 120.0])  # it is ended before
+def test_an_operator_excites_until_ctrl_c(tmp_path: Path) -> None:
+    path = commanded(tmp_path, duration=120.0, steady_window=[119.0, 120.0])  # it is ended before
     killer = Killer(path, tmp_path)
     with pytest.raises(NodeDiedError, match=r"motor_node.*-9"):
         in_real_time(path, tmp_path / "run", killer)

@@ -1,25 +1,29 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a check finds, and what it looks at: a machine, whose files may be others, and a stand."""
+"""What a check of `atpid doctor` finds, and what it looks at: a machine, whose files may be others, and a stand.
+
+A package adds checks by an entry point of the group `atpid.checks`: a table like that of `atpid_campaign.doctor`.
+"""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from atpid_common.cli import load
-from atpid_common.errors import AtpidError, did_you_mean, one_line
+from atpid_common.errors import did_you_mean
 
 if TYPE_CHECKING:
     from atpid_control.stand.parameters import Parameters
     from atpid_sim.scene import Scene
+
+T = TypeVar("T")
 
 
 class Verdict(IntEnum):
@@ -110,43 +114,52 @@ class Subject:
                 raise BenchError(f"{name} of {node}: {problem}")
         return combined(usual, port, self.given)
 
+    def settings(self, kind: type[T], node: str) -> T:
+        """Return a device's settings, an object of the dataclass `kind`, from the parameters of its node.
+
+        Raises DriverError for an invalid one, BenchError where one is missing.
+        """
+        from atpid_control.stand.errors import BenchError
+
+        values, own = self.parameters[node], fields(kind)  # type: ignore[arg-type]
+        try:
+            return kind(**{one.name: values[one.name] for one in own if one.init and one.name in values})
+        except TypeError as error:
+            raise BenchError(f"{node}: {error}; give them in its parameter file") from None
+
+    def running(self) -> list[str]:
+        """Return the nodes of the stand that run already in this domain on this machine."""
+        from atpid_common.claim import claimed
+        from atpid_common.middleware import named_domain
+        from atpid_control.stand.parts import REAL_TIME_PARTS, devices_of
+
+        found = []
+        for name in dict.fromkeys(part.name for part in (*devices_of(self.options), *REAL_TIME_PARTS)):
+            if (holder := claimed(f"{named_domain() or 0}/{name}")) is None:
+                found.append(name)
+            else:
+                holder.close()
+        return found
+
 
 def _problem(node: str, name: str, value: Any) -> str:
     """Return what the node would refuse, in words: a name it does not have, a value outside its range; else ""."""
     from atpid_common.nodes.node_main import PARAMETERS
     from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
     from atpid_control.nodes.recorder_parameters import OF_RCLPY
-    from atpid_driver.nodes import excitation_node, motor_interface
+    from atpid_control.stand.added import EXCITER, table_of
+    from atpid_driver.nodes import motor_interface
 
-    own = {"identifier_node": IDENTIFIER, "selector_node": SELECTOR, "supervisor_node": SUPERVISOR,
-           "motor_node": motor_interface.TABLE, "excitation_node": excitation_node.TABLE}  # fmt: skip
+    own = {
+        "identifier_node": IDENTIFIER,
+        "selector_node": SELECTOR,
+        "supervisor_node": SUPERVISOR,
+        "motor_node": motor_interface.TABLE,
+    }
+    if node == EXCITER:
+        own[node] = table_of(node)
     rows = {row.name: row for row in (*own.get(node, ()), *PARAMETERS)}
     if name in rows:
         return rows[name].problem(value)
     known = node not in own or name in OF_RCLPY or name.startswith(OF_RCLPY[-1])
     return "" if known else f"the node has none of this name{did_you_mean(name, rows)}"
-
-
-def examine(subject: Subject, checks: Mapping[str, tuple[str, str]]) -> Iterator[Finding]:
-    """Yield what the checks of a table find (`checks.CHECKS`), in their order."""
-    for name, (place, mend) in checks.items():
-        for finding in _tried(place, mend, subject):
-            yield finding._replace(found=one_line(finding.found), check=name)
-
-
-def _tried(place: str, mend: str, subject: Subject) -> Iterator[Finding]:
-    """Yield what one check finds, up to the error that ends it."""
-    try:
-        yield from load(f"{__package__}.{place}")(subject)
-    except AtpidError as error:  # a line of the part that would fail in the run, with what to do
-        if str(error) in subject.reported:
-            yield Finding(Verdict.NOT_CHECKED, "needs what would fail above")
-            return
-        subject.reported.add(str(error))
-        yield judged(str(error), mend, fails=True)
-    except ImportError as error:
-        yield judged(str(error), "make setup", fails=True)
-    except (NotCheckedError, OSError) as reason:
-        yield Finding(Verdict.NOT_CHECKED, str(reason))
-    except Exception as error:  # noqa: BLE001 - a check that fails leaves the others
-        yield judged(f"the check itself failed: {type(error).__name__}: {error}", "report it", degrades=True)

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.limits import OFF, Clamp, Command, CommandRefusedError, Floats, Point, check, check_unit
-from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.limits import OFF, Clamp, Command, CommandRefusedError, Floats, Point, check, check_unit
+from atpid_exciter.excitation.settings import ExcitationSettings
 
 #: After so long noise repeats itself [s].
 NOISE_PERIOD = 60.0

@@ -5,8 +5,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from atpid_driver.excitation.drive import ExcitationDrive, SimulatedDrive
-from atpid_driver.excitation.settings import BACKENDS, ExcitationSettings
+from atpid_exciter.excitation.drive import ExcitationDrive, SimulatedDrive
+from atpid_exciter.excitation.settings import BACKENDS, ExcitationSettings
 
 __all__ = ["BACKENDS", "ExcitationDrive", "ExcitationSettings", "drive_of"]
 
@@ -15,6 +15,6 @@ def drive_of(settings: ExcitationSettings, calibrations: Callable[[], Path]) -> 
     """Return the backend named in `settings`, unconnected; calibrations: returns the folder of the package's files."""
     if settings.backend == "simulated":
         return SimulatedDrive(settings)
-    from atpid_driver.excitation.guarded import GuardedDrive  # here: a simulated bench does not need it
+    from atpid_exciter.excitation.guarded import GuardedDrive  # here: a simulated bench does not need it
 
     return GuardedDrive(settings, calibrations())

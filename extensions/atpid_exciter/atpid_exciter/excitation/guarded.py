@@ -20,10 +20,10 @@ from typing import Any
 
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
-from atpid_driver.excitation.drive import ExcitationDrive, Output, OutputLostError
-from atpid_driver.excitation.limits import Command
-from atpid_driver.excitation.outlets import OUTLETS, calibration_of, load_library
-from atpid_driver.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.drive import ExcitationDrive, Output, OutputLostError
+from atpid_exciter.excitation.limits import Command
+from atpid_exciter.excitation.outlets import OUTLETS, calibration_of, load_library
+from atpid_exciter.excitation.settings import ExcitationSettings
 
 #: Until its process runs, which a busy machine may delay for long, and until the device has been opened then [s].
 _START, _OPEN = 120.0, 15.0
@@ -64,7 +64,7 @@ class GuardedDrive(ExcitationDrive):
         """Start a process of the output, which opens its device on request: its libraries take a second to load."""
         load_library(self._settings)  # `_rescue` must not wait for it
         ours, theirs = Pipe()
-        program = [sys.executable, "-m", "atpid_driver.excitation.outlet_process", str(theirs.fileno())]
+        program = [sys.executable, "-m", "atpid_exciter.excitation.outlet_process", str(theirs.fileno())]
         with theirs:
             process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
         with suppress(OSError):  # it has ended, which the missing answer shows

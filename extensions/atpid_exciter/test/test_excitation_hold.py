@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_driver.excitation.hold import Hold
-from atpid_driver.excitation.limits import Command
-from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Generator
+from atpid_exciter.excitation.hold import Hold
+from atpid_exciter.excitation.limits import Command
+from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.signals import Generator
 
 STEP = 0.05  # of the loop: one estimate a block [s]
 SETTINGS = ExcitationSettings(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common.files import FileError, read_text
-from atpid_driver.excitation.limits import CommandRefusedError, Floats
+from atpid_exciter.excitation.limits import CommandRefusedError, Floats
 
 #: Largest file [bytes], most samples, longest signal [s]; largest rate, so the shortest step between two times [Hz].
 _MOST_BYTES, MOST_SAMPLES, LONGEST, _FASTEST = 20_000_000, 1_000_000, 600.0, 50_000.0

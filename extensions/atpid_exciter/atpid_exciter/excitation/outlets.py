@@ -19,10 +19,10 @@ from atpid_driver.acquisition import labjack, nidaqmx
 from atpid_driver.acquisition.errors import SetupRefusedError, StreamLostError
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import Calibration, CalibrationError, load
-from atpid_driver.excitation.drive import Output, output_of
-from atpid_driver.excitation.limits import Floats
-from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Generator
+from atpid_exciter.excitation.drive import Output, output_of
+from atpid_exciter.excitation.limits import Floats
+from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.signals import Generator
 
 #: A streamed output is written so far ahead [s]: a stop waits for so long before its ramp begins.
 LEAD = 0.04

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver.excitation.outlet_process FD`: owns one analogue output, and switches it off by itself.
+"""`python -m atpid_exciter.excitation.outlet_process FD`: owns one analogue output, and switches it off by itself.
 
 It reads requests (name, arguments) from a connection of `multiprocessing` and answers with (name, value). When its
 partner is silent it ramps down, and follows nothing until it was switched off. When the connection ends because the
@@ -17,10 +17,10 @@ from multiprocessing.connection import Connection
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_driver.calibration.model import Calibration
-from atpid_driver.excitation.drive import Output
-from atpid_driver.excitation.outlets import OUTLETS, load_library
-from atpid_driver.excitation.settings import ExcitationSettings
-from atpid_driver.excitation.signals import Generator
+from atpid_exciter.excitation.drive import Output
+from atpid_exciter.excitation.outlets import OUTLETS, load_library
+from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.signals import Generator
 
 #: Between two turns; silence of the partner, whose requests come every 50 ms, after which the output ramps down [s].
 PERIOD, SILENCE = 0.01, 0.25
