@@ -17,9 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.analysis.analyse import analyse
-from atpid_control.analysis.beam.fit import BeamCalibrationError
 from atpid_control.analysis.signals import Signals, signals_of
-from atpid_control.analysis.validation.measured import read_measured
 from atpid_control.cli import main
 from atpid_control.commands import calibrate_beam
 from atpid_control.runs.check import check
@@ -29,9 +27,11 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
 from atpid_control.runs.support import support_series
 from atpid_control.runs.writer import Split
-from atpid_control.views.comparison import compare
 from atpid_control.views.report.page import analysis_of
 from atpid_control.views.report.view import view_of
+from atpid_lab.beam.fit import BeamCalibrationError
+from atpid_lab.comparison import compare
+from atpid_lab.validation.measured import read_measured
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.integration import drive_table, undamped_amplitude
