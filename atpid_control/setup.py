@@ -8,7 +8,6 @@ from setuptools import find_packages, setup
 
 NAME = "atpid_control"
 EXECUTABLES = [
-    "foxglove_node",
     "identifier_node",
     "live_node",
     "recorder_node",

@@ -14,12 +14,13 @@ from rclpy.parameter import Parameter
 from atpid_common.errors import DONE
 from atpid_common.nodes import node_main
 from atpid_common.nodes.parameters import Entry
-from atpid_control.nodes import foxglove_node, live_node, recorder_parameters, replay_node
+from atpid_control.nodes import live_node, recorder_parameters, replay_node
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
 from atpid_exciter.nodes import excitation_node
+from atpid_lab.nodes import foxglove_node
 from atpid_sim.nodes import plant_node
 
 Table = tuple[Entry, ...]

@@ -35,12 +35,12 @@ from rclpy.serialization import serialize_message
 
 from atpid_common.message_checks import CHECKS, check
 from atpid_common.nodes.checked import Dropped
-from atpid_control.nodes.foxglove_node import FoxgloveNode
 from atpid_control.nodes.identifier_node import IdentifierNode
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
+from atpid_lab.nodes.foxglove_node import FoxgloveNode
 from atpid_sim.nodes.plant_node import PlantNode
 
 NODES = {"identifier_node": IdentifierNode, "selector_node": SelectorNode, "recorder_node": RecorderNode,

@@ -58,13 +58,13 @@ EXECUTABLES = {
     ("atpid_driver", "feed_node"): ["labjack.yaml", "feed:={}/feed", "calibrations:=[laser_beam.yaml]"],
     ("atpid_driver", "motor_node"): ["motor.yaml"],
     ("atpid_exciter", "excitation_node"): ["excitation.yaml", "backend:=simulated"],
-    ("atpid_control", "foxglove_node"): ["recorder.yaml", "port:=0"],
     ("atpid_control", "identifier_node"): ["identifier.yaml"],
     ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],
     ("atpid_control", "live_node"): ["live.yaml", "port:=0"],
     ("atpid_control", "recorder_node"): ["recorder.yaml", "bag:={}/new_bag", "scene:={}/scene.yaml"],
     ("atpid_control", "supervisor_node"): ["supervisor.yaml"],
     ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/out/bag"],
+    ("atpid_lab", "foxglove_node"): ["", "port:=0"],
 }  # fmt: skip
 
 
@@ -167,7 +167,8 @@ def test_every_executable_starts_and_ends(removed: Path, shell: dict[str, str], 
         for (package, name), (file, *values) in EXECUTABLES.items():
             command = [*START_NODE, str(install / package / "lib" / package / name)]  # as the bench does
             command += ["--ros-args", "-r", f"__ns:=/{name}"]
-            command += ["--params-file", str(install / package / "share" / package / "config" / file)]
+            if file:
+                command += ["--params-file", str(install / package / "share" / package / "config" / file)]
             command += [word for value in values for word in ("-p", value.format(inputs))]
             with (tmp_path / name).open("w") as log:
                 processes[name] = subprocess.Popen(command, cwd=tmp_path, env=shell, stdout=log, stderr=log)

@@ -26,7 +26,6 @@ SCENE, MAP = ROOT / "scenes" / "stand_realtime.yaml", CONTROL / "maps" / "standa
 #: Arguments with which each node runs until it is stopped.
 NODES: dict[str, list[Path | str]] = {
     "atpid_sim/plant_node": [f"scene:={SCENE}"],
-    "atpid_control/foxglove_node": ["port:=0"],
     "atpid_control/identifier_node": [CONTROL / "identifier.yaml"],
     "atpid_control/selector_node": [CONTROL / "selector.yaml", f"scene:={SCENE}", f"map:={MAP}"],
     "atpid_control/supervisor_node": [CONTROL / "supervisor.yaml"],
@@ -40,6 +39,7 @@ NODES: dict[str, list[Path | str]] = {
         "calibrations:=[laser_support.yaml]",
     ],
     "atpid_driver/feed_node": ["feed:={folder}/feed"],
+    "atpid_lab/foxglove_node": ["port:=0"],
 }  # fmt: skip
 SIGTERM_BIT = 1 << (signal.SIGTERM - 1)
 

@@ -20,11 +20,6 @@ COMMANDS: Commands = {
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
     },
-    "Modes of a structure": {
-        "modes cantilever": (f"{_CONTROL}.modes:CANTILEVER", "modes of a beam with the damper at its tip, for a scene"),
-        "modes fit": (f"{_CONTROL}.modes:RUN", "modes of a recorded run, with their error bars"),
-        "modes file": (f"{_CONTROL}.modes:FILE", "the same of modes in a universal file, computed or measured"),
-    },
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
         "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
@@ -32,13 +27,8 @@ COMMANDS: Commands = {
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
     "Read, check and mend bags": {
-        "bag report": (f"{_CONTROL}.bag_views:REPORT", "make the report of a bag: an HTML page and pictures"),
+        "bag report": (f"{_CONTROL}.report", "make the report of a bag: an HTML page and pictures"),
         "bag analyse": (f"{_CONTROL}.analyse", "frequency response, spectra, decrement and orders of a bag"),
-        "bag compare": (f"{_CONTROL}.compare_bags", "two bags overlaid, their differences in a table"),
-        "bag validate": (f"{_CONTROL}.validate", "simulate a recording with its measured support, and compare"),
-        "bag export": (f"{_CONTROL}.bag_views:EXPORT", "write a bag as CSV, UFF 58, MATLAB or Parquet"),
-        "bag import": (f"{_CONTROL}.import_bag", "make a bag of TDMS, UFF 58, MATLAB, CSV or WAV files"),
-        "bag traces": (f"{_CONTROL}.bag_views:TRACES", "write a bag as Foxglove and PlotJuggler plot it"),
         "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether the run in a bag kept its rules"),
         "bag verify": (f"{_CONTROL}.bag_files:VERIFY", "whether the file is whole: messages by topic, what is lost"),
         "bag recover": (f"{_CONTROL}.bag_files:RECOVER", "make a whole bag of one that is cut off or damaged"),
@@ -48,11 +38,6 @@ COMMANDS: Commands = {
     "Calibrate": {
         "calibrate sensor": (f"{_DRIVER}.calibration.command", "a calibration file from readings at known positions"),
         "calibrate reading": (f"{_DRIVER}.calibration.reading", "one reading at a known position, a row for `sensor`"),
-        "calibrate beam": (f"{_CONTROL}.calibrate_beam", "a beam's stiffness, damping and mass from a recording"),
-        "calibrate contact": (
-            f"{_CONTROL}.calibrate_contact",
-            "restitution and modulus of a contact from a drop or run",
-        ),
     },
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),

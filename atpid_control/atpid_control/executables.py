@@ -21,7 +21,6 @@ def atpid() -> int:
     return status
 
 
-foxglove_node = partial(run_executable, "atpid_control.nodes.foxglove_node")
 identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
 live_node = partial(run_executable, "atpid_control.nodes.live_node")
 recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")

@@ -80,8 +80,8 @@ def exported(bag: Path, form: str, out: Path, *more: str) -> Path:
 
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the commands that read bags draw nothing, and simulate no stage again."""
-    for command in ("analyse", "compare_bags", "validate"):
-        monkeypatch.setattr(f"atpid_control.commands.{command}.panels", lambda *_: ())
+    for command in ("atpid_control.commands.analyse", "atpid_lab.comparison.command", "atpid_lab.validation.command"):
+        monkeypatch.setattr(f"{command}.panels", lambda *_: ())
     monkeypatch.setattr("atpid_control.views.report.make.save_pictures", lambda *_: [])
     without_repetition(monkeypatch)
 

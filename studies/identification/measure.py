@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.analysis.beam.fit import fit_beam
 from atpid_control.analysis.signals import Signals
 from atpid_control.identification import Estimate, Identifier, Settings
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
+from atpid_lab.beam.fit import fit_beam
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.quantities import half_peak_to_peak

@@ -23,7 +23,6 @@ from mutations import as_yaml, bag_of, changed_arrays, changed_bag, changed_byte
 from atpid_common.errors import AtpidError
 from atpid_control.analysis import analyse
 from atpid_control.analysis.signals import signals_of
-from atpid_control.analysis.validation.measured import read_measured, scene_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.run import open_run
@@ -39,6 +38,7 @@ from atpid_driver.calibration import fit, model
 from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.protocol import decode, encode, reply_of
 from atpid_driver.standins.control import Control
+from atpid_lab.validation.measured import read_measured, scene_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import SeriesExcitation, load_scene
 from atpid_sim.scene.excitation import Series

@@ -13,7 +13,7 @@ from atpid_control.analysis.rows import rows
 from atpid_control.analysis.signals import signals_of
 from atpid_control.analysis.spectra import WINDOWS
 from atpid_control.commands.results import Shown, add_bag, add_part, add_results, claim, give, two_columns
-from atpid_control.runs.parts import bag_of
+from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, open_run
 from atpid_sim.display import working
 

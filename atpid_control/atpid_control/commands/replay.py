@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from atpid_control.commands.results import print_missing
-from atpid_control.runs.parts import bag_of
+from atpid_control.runs.formats import bag_of
 from atpid_control.runs.playback import compare, load_playback
 from atpid_control.runs.read import Bag
 from atpid_control.runs.run import open_run

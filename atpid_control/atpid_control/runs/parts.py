@@ -53,16 +53,6 @@ def bag_in(path: Path) -> Path:
     return inside if inside.is_dir() and not any(path.glob("*.mcap")) else path
 
 
-def bag_of(path: Path) -> Path:
-    """Return the bag at `path`, or in the run there; raise BagError where there is none.
-
-    Commands begin with it, before they make a folder for their results. A table, which some take too, is itself.
-    """
-    if path.suffix.lower() != ".csv":
-        find_parts(path := bag_in(path))
-    return path
-
-
 def _place(file: Path) -> tuple[int, str]:
     number = _NUMBER.search(file.name)
     return int(number[1]) if number else -1, file.name

@@ -24,6 +24,7 @@ from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
 from atpid_control.runs.commanded import as_put_out
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.errors import BagError
+from atpid_control.runs.formats import table_reader
 from atpid_control.runs.metadata import SCENE
 from atpid_control.runs.read import within_memory
 from atpid_control.runs.signal import RecordedMotion, Signal, StreamClock, clock_of, joined
@@ -134,7 +135,7 @@ class Run(Shown):
 
     def _clock(self, table: Table, arrays: dict[str, Any]) -> StreamClock:
         if table.name not in self._clocks:
-            made = table.origin == TRUTH or table.type == "csv"
+            made = table.origin == TRUTH or "/" not in table.type  # of a message, not of a table's format
             clock = (
                 StreamClock(table.rate or 1.0) if made else clock_of(arrays[INDEX], arrays[STAMP], table.rate or 1.0)
             )
@@ -348,9 +349,7 @@ def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.
     block, so that a part of a long bag takes the memory of the part. Raises BagError: neither, or nothing in it.
     """
     path = Path(path)
-    if path.suffix.lower() == ".csv":
-        from atpid_control.runs.csv_table import read_table  # here, since it loads pandas
-
+    if read_table := table_reader(path):
         table, arrays, missing = read_table(path)
         return Run(path, 0, {}, {}, {}, {table.name: (table, arrays)}, [], missing, None, "no scene was recorded")
     source = Source(path, topics)

@@ -1,9 +1,0 @@
-# Copyright 2026 ATPID maintainers
-# SPDX-License-Identifier: Apache-2.0
-"""A run as Foxglove and PlotJuggler plot it: one number a message, states as text, the damper in three dimensions."""
-
-from atpid_control.views.traces.file import write_traces
-from atpid_control.views.traces.records import PREFIX
-from atpid_control.views.traces.tracer import Tracer
-
-__all__ = ["PREFIX", "Tracer", "write_traces"]

@@ -1,0 +1,88 @@
+# Copyright 2026 ATPID maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Serves a running graph to Foxglove and PlotJuggler: its messages as they are, and their traces."""
+
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from atpid_common.message_checks import CHECKS
+from atpid_common.nodes.checked import Dropped
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import Entry, declare
+from atpid_control.nodes.bag_qos import class_of, subscription_qos
+from atpid_control.runs.cdr import decoder_of
+from atpid_control.runs.contents import kind_of, reason_to_leave_out
+from atpid_control.runs.decode import Decoder
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_lab.traces.records import TraceRecord
+from atpid_lab.traces.server import HOST, Server
+from atpid_lab.traces.tracer import TraceError, Tracer
+from atpid_sim.scene import load_scene
+
+PARAMETERS = (
+    Entry("port", 8765, f"port on {HOST}; 0: any free one, which is logged", "", 0, 65535),
+    Entry("rate", 200.0, "samples of a channel a second, at most", "Hz", 0.1, 1e6),
+    Entry("scene", "", "scene file: the efficiency needs it; empty: none"),
+)
+
+
+class FoxgloveNode(Node):
+    """Parameters, topics, and one call into the tracer for each message."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Serve and subscribe. Raises ServerError, SceneError, ParameterError."""
+        super().__init__("foxglove_node", **node_options)
+        values = declare(self, PARAMETERS)
+        scene = load_scene(Path(values["scene"])) if values["scene"] else None
+        self._tracer = Tracer(scene, values["rate"])
+        self.server = Server(values["port"])
+        for topic in parse(DEFAULT, lockstep=False):
+            self._subscribe(replace(topic, name=self.resolve_topic_name(topic.name)))
+        self.get_logger().info(f"Foxglove: ws://{HOST}:{self.server.port}, layout docs/foxglove/atpid.json")
+
+    def _subscribe(self, topic: Topic) -> None:
+        self.server.offer(topic.name, topic.type)
+        # no publisher waits for a viewer: what it is too slow for is lost to it alone
+        asked = subscription_qos(replace(topic, best_effort=not topic.transient_local))
+        take = partial(self._on_message, topic, decoder_of(topic.type))
+        self.create_subscription(class_of(topic.type), topic.name, take, asked, raw=True)
+
+    def _on_message(self, topic: Topic, decoder: Decoder, data: bytes) -> None:
+        kind = kind_of(topic.type)
+        try:
+            message = decoder.decode(0, data)
+        except BagError as error:
+            Dropped.of(self).add(topic.name, str(error))
+            return
+        if reason := reason_to_leave_out(kind, message):
+            Dropped.of(self).add(topic.name, reason)
+        elif not getattr(message, "handshake", False):
+            now_ns = int(self.get_clock().now().nanoseconds)
+            time_ns = stamp_of(message) if topic.has_header else now_ns
+            self.server.send(TraceRecord(topic.name, topic.type, time_ns, data))
+            if kind in CHECKS:
+                self._trace(topic, kind, message)
+
+    def _trace(self, topic: Topic, kind: str, message: Any) -> None:
+        try:
+            for record in self._tracer.push(kind, message):
+                self.server.send(record)
+        except TraceError as error:
+            Dropped.of(self).add(topic.name, str(error))
+
+    def close(self) -> None:
+        """Disconnect the viewers."""
+        self.server.close()
+
+
+main = partial(run_node, FoxgloveNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

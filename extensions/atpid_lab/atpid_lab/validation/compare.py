@@ -1,0 +1,162 @@
+# Copyright 2026 ATPID maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Simulate a scene with a measured support and compare the beam's motion, period by period (Eq. 3.46).
+
+Rules. Support and beam count from their rest: the mean over the whole periods of the second half of the part. The beam
+begins with displacement and velocity of a polynomial of fifth degree through the first quarter of a period; the grain
+lies on the floor. Where the ceiling is open
+at the begin, the place of the grain is unknown, so the first 20 periods are left out. A lag between the two channels,
+of at most half a period, and the means are taken off before the comparison. Periods in which the measured amplitude is
+below 5 % of its largest are left out of relative errors.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_lab.validation.measured import Measured, ValidationError
+from atpid_sim.analysis import aligned, amplitudes_per_period, lag_of, relative_rmse
+from atpid_sim.scene import Scene
+from atpid_sim.simulation.simulate import simulate, trajectory
+from atpid_sim.system import Array
+
+#: Part of a period whose polynomial gives the initial state, and its degree: both errors, of the sixth power and of a
+#: sensor's noise, are then some 1e-4 of the amplitude.
+_BEGIN, _DEGREE = 0.25, 5
+#: Periods left out where the grain's place at the begin is unknown.
+_UNKNOWN = 20
+#: Periods that have to remain.
+_FEWEST = 5
+#: Share of the largest amplitude below which a period has no relative error.
+_STILL = 0.05
+#: A ceiling within this of the grain holds it [m].
+_CLOSED = 5e-4
+#: Change of a height below which a motor is at rest [m].
+_STANDS = 1e-5
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Measured and simulated motion of the beam, aligned, and how they differ."""
+
+    time: Array  # (n,) since the begin of the part [s]
+    measured: Array  # (n,) from rest [m]
+    simulated: Array  # (n,) from rest [m]
+    ceiling: Array  # (n,) height [m]
+    period_time: Array  # (k,) middle of each whole period [s]
+    measured_amplitude: Array  # (k,) [m]
+    simulated_amplitude: Array  # (k,) [m]
+    compared: Any  # (k,) whether the period counts
+    lag: float  # of the measurement [s]
+    left_out: float  # at the begin [s]
+    fidelity: str
+    reproducible: bool  # whether repeated simulations agree; else the motion is irregular
+
+    @property
+    def errors(self) -> Array:
+        """(X_Exp - X_Sim) / X_Exp of the periods that count (j,) [-]."""
+        one, other = self.measured_amplitude[self.compared], self.simulated_amplitude[self.compared]
+        return np.asarray((one - other) / one)
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of `errors` [-] (Eq. 3.46)."""
+        return relative_rmse(self.measured_amplitude[self.compared], self.simulated_amplitude[self.compared])
+
+    @property
+    def displacement_error(self) -> float:
+        """Root mean square of the difference of the displacements over that of the measured one [-]."""
+        return float(np.sqrt(np.mean((self.measured - self.simulated) ** 2) / np.mean(self.measured**2)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the numbers, in SI units."""
+        worst = int(np.argmax(np.abs(self.errors)))
+        return {
+            "relative_rmse": self.rmse, "displacement_error": self.displacement_error, "lag": self.lag,
+            "largest_error": float(self.errors[worst]),
+            "largest_error_at": float(self.period_time[self.compared][worst]),
+            "periods": len(self.compared), "compared_periods": int(self.compared.sum()), "left_out": self.left_out,
+            "fidelity": self.fidelity, "reproducible": self.reproducible,
+        }  # fmt: skip
+
+
+def driven_scene(scene: Scene, measured: Measured, series: Path, height: float | None) -> Scene:
+    """Return the scene driven by the series in the file `series`, begun as measured, under the recorded ceiling.
+
+    `height` [m] replaces the ceiling by a fixed one. Raises ValidationError where the recording has no
+    ceiling and none is given, SceneError where the scene does not fit.
+    """
+    period = 1.0 / scene.natural_frequency_hz
+    if measured.drive is not scene.driven_by:
+        given = f"drive: given {scene.drive}; the recording has {measured.drive.channel}"
+        raise ValidationError(f"{given}; give a scene with that drive")
+    if measured.duration < 2.0 * period:
+        raise ValidationError(f"the part lasts {measured.duration:g} s; needed: two periods, {2.0 * period:.3g} s")
+    count = max(2 * _DEGREE, math.ceil(_BEGIN * period * measured.rate))
+    times = np.arange(count) / measured.rate
+    start = np.polynomial.Polynomial.fit(times, measured.beam[:count], _DEGREE)
+    samples = period * measured.rate
+    ceiling: dict[str, Any]
+    if height is not None:
+        ceiling = {"height": height}
+    elif measured.ceiling is None:
+        raise ValidationError("the ceiling's height was not recorded; give --height")
+    else:
+        ceiling = {"profile": _profile(measured.ceiling, measured.duration, 2.0 * scene.grain.radius)}
+    closed = _first_height(ceiling) <= 2.0 * scene.grain.radius + _CLOSED
+    left_out = 0.0 if closed else _UNKNOWN * period
+    if left_out + _FEWEST * period > measured.duration:
+        raise ValidationError(
+            f"the part lasts {measured.duration:g} s, of which {left_out:.3g} s are left out (the ceiling is open at "
+            f"its begin); needed: {_FEWEST} periods more, {left_out + _FEWEST * period:.3g} s, or a closed damper there"
+        )
+    return scene.with_(
+        excitation={"series": {"file": str(series), "displacement": measured.drive.channel,
+                               "offset": rest_of(measured.support, samples)}}, ceiling=ceiling,
+        initial={"displacement": float(start(0.0)) - rest_of(measured.beam, samples),
+                 "velocity": float(start.deriv()(0.0))},
+        duration=measured.duration, steady_window=[left_out, measured.duration],
+    )  # fmt: skip
+
+
+def rest_of(displacement: Array, samples: float) -> float:
+    """Return the mean [m] of a displacement (n,) [m] over the whole periods, `samples` each, of its second half."""
+    count = round(max(1.0, np.floor(0.5 * len(displacement) / samples)) * samples)
+    return float(displacement[-count:].mean())
+
+
+def compare(scene: Scene, measured: Measured, fidelity: str = "auto") -> Agreement:
+    """Simulate a scene of `driven_scene` and compare; raises NumericalFailure as `simulate` does."""
+    result = simulate(scene, fidelity)
+    motion = trajectory(scene, measured.rate, fidelity)
+    first = math.ceil(scene.steady_window[0] * measured.rate)
+    size = min(len(motion.beam), len(measured.beam))
+    samples = measured.rate / scene.natural_frequency_hz
+    experiment, simulation = measured.beam[first:size], motion.beam[first:size]
+    lag = lag_of(experiment, simulation, int(0.5 * samples))
+    one, other = aligned(experiment, simulation, lag)
+    begin = first + max(-lag, 0)  # of the simulation
+    ours, theirs = (amplitudes_per_period(series, samples) for series in (one, other))
+    compared = ours > _STILL * ours.max()
+    time = motion.time[begin : begin + len(one)]
+    return Agreement(
+        time, one - one.mean(), other - other.mean(), motion.ceiling[begin : begin + len(one)],
+        time[0] + (np.arange(len(ours)) + 0.5) / scene.natural_frequency_hz, ours, theirs, compared,
+        lag / measured.rate, scene.steady_window[0], result.fidelity, result.reproducible,
+    )  # fmt: skip
+
+
+def _profile(heights: Array, duration: float, least: float) -> list[list[float]]:
+    """Return the points [s, m] between which recorded heights (k, 2) are straight, from 0 to `duration` [s]."""
+    knots = np.unique(np.concatenate([[0.0], heights[(heights[:, 0] > 0.0) & (heights[:, 0] < duration), 0]]))
+    values = np.maximum(np.interp(knots, heights[:, 0], heights[:, 1]), least)
+    changes = np.abs(np.diff(values)) > _STANDS
+    kept = np.concatenate([[True], changes]) | np.concatenate([changes, [True]])
+    return [[float(t), float(h)] for t, h in zip(knots[kept], values[kept], strict=True)]
+
+
+def _first_height(ceiling: dict[str, Any]) -> float:
+    return float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
