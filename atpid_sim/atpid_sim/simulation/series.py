@@ -23,7 +23,7 @@ def write_series(motion: Trajectory, path: Path, drive: Drive) -> None:
     Raises OutputError.
     """
     # by the names that `excitation.series` and `calibrate beam` read
-    columns = {
+    columns: dict[str, Any] = {
         "time": motion.time,
         drive.channel: motion.support,
         "beam_displacement": motion.beam,
