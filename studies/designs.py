@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Promises of designs against an integration of its own: structures unlike the thesis's beam, drawn in the stated box.
 
-`python -m studies designs --draws 100 --page docs/design_check.md` measures and makes that page. The integration is
+`python -m studies designs --draws 100 --page docs/research/design_check.md` measures and makes that page. The integration is
 that of `damped_structure`; from the design it takes the heights and the intervals.
 """
 
@@ -270,11 +270,11 @@ def _compared(one: Compared, words: str, seed: int) -> str:
 _PAGE = """# Promises of designs, checked
 
 Made by `python -m studies designs`; do not edit. Structures unlike the thesis's beam are designed for
-as [a damper for your own structure](design.md) describes, with the mass of the grain given, at
+as [a damper for your own structure](../design.md) describes, with the mass of the grain given, at
 {points} amplitudes. Then structures are drawn in the stated box of uncertainties, and frequencies
 in the stated range, and run by an integration that shares nothing with the packages.
 
-    python -m studies designs --draws {draws} --seed {seed} --points {points} --page docs/design_check.md
+    python -m studies designs --draws {draws} --seed {seed} --points {points} --page docs/research/design_check.md
 
 Kept: reduction *and* efficiency lie inside their intervals. Force, given structure: how far the
 largest force on the ceiling is from the expected one, at the worst of the amplitudes at which it

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast `direct` is and how good: systems held out, each against a fine scan rated the same way, and by a deadline.
 
-`python -m studies selection-speed --page docs/selection.md` measures and puts the table into that page.
+`python -m studies selection-speed --page docs/research/selection.md` measures and puts the table into that page.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Systems far outside the thesis's range, at every fidelity (docs/extremes.md).
+"""Systems far outside the thesis's range, at every fidelity (docs/research/extremes.md).
 
 Elasticity over eight decades, damping from none to five times critical, grains from a thousandth to nine times the
 beam's mass, support amplitudes from a micrometre to a metre at 0.01 to 1000 Hz, weight from none to ten times the

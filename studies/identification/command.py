@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table of docs/identification.md, and put it into a page."""
+    """Print the table of docs/research/identification.md, and put it into a page."""
     if args.structures is not None:
         with counting("structures", args.structures) as count:
             print("\n".join(structures(args.structures, args.seed, count)))
