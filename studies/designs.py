@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Promises of designs against an integration of its own: structures unlike the thesis's beam, drawn in the stated box.
 
-`python -m studies designs --draws 100 --page docs/research/design_check.md` measures and makes that page. The integration is
-that of `damped_structure`; from the design it takes the heights and the intervals.
+`python -m studies designs --draws 100 --page docs/research/design_check.md` measures and makes that page. The
+integration is that of `damped_structure`; from the design it takes the heights and the intervals.
 """
 
 import argparse

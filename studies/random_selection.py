@@ -3,7 +3,7 @@
 """`direct` and its margin on random systems, against brute force and against long runs inside the margin's box.
 
 The draw, the brute force and the judgement of what is regular are of this file: of the code that is measured only the
-engine's runs are used. `python -m studies random-selection --page docs/research/selection.md` puts the table into that page.
+engine's runs are used. `python -m studies random-selection --page docs/research/selection.md` puts the table there.
 """
 
 import argparse

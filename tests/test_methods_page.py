@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/research/methods.md is what `compare` computes now, apart from its times; scenes that do not fit are one line."""
+"""docs/research/methods.md is what `methods` computes now, but for its times; scenes that do not fit are one line."""
 
 import json
 import re

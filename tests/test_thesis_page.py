@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/research/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
+"""docs/research/thesis.md is what `thesis all --page` computes now; every figure and table of chapters 2-4 is on it."""
 
 import functools
 import re

@@ -4,7 +4,8 @@
 
 Grains that rest on the structure add their masses where they are and so couple its modes, through the damping too:
 there is no closed form mode by mode as in `arc`. The equations of motion give one coefficient from the two before it.
-A polynomial's coefficients also bound its derivatives, so that no zero of a gap is passed (docs/research/no_missed_impact.md).
+A polynomial's coefficients also bound its derivatives, so no zero of a gap is passed
+(docs/research/no_missed_impact.md).
 """
 
 import math
