@@ -30,7 +30,7 @@ with others at 1e-6: `finite` may come as near, but states 7e-5, so `auto` does 
 steady motion alone: `simulate --steady`. Where the motion is chaotic no tolerance helps: look at
 `reproducible` and `spread`.
 """
-_TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
+_TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular"}
 
 
 #: Arguments of the example in the help.
