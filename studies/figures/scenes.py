@@ -62,7 +62,7 @@ def _rows(model: type[SceneBlock]) -> list[str]:
     if inner is not None:
         return _rows(inner)
     shared = model is not ElasticSpec and issubclass(model, ElasticSpec)
-    left_out = {"law", *(ElasticSpec.model_fields | ElasticSpec.alternatives if shared else ())}
+    left_out = {"law"} | ({*ElasticSpec.model_fields, *ElasticSpec.alternatives} if shared else set())
     if model is CommandedExcitation:
         left_out |= set(HarmonicExcitation.model_fields)
     rows = []
