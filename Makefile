@@ -107,14 +107,14 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m studies figures frequency --out docs/figures; \
 	atpid design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
 	    --max-mass-fraction 0.2 --target-efficiency 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
-	python -m studies thesis all --out out/study --page docs/thesis.md; \
+	python -m studies thesis all --out out/study --page docs/research/thesis.md; \
 	python -m studies methods scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
-	    --out out/methods --page docs/methods.md; \
+	    --out out/methods --page docs/research/methods.md; \
 	python -m studies atlas --out out/atlas; cp out/atlas/atlas.png out/atlas/atlas_stability.png docs/figures; \
 	for scene in standard sticking irregular; do \
 	    python -m studies tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \
-	python -m studies tradeoff-page --out docs \
+	python -m studies tradeoff-page --out docs/research \
 	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
 .PHONY: audit

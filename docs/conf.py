@@ -43,6 +43,7 @@ html_title = "ATPID"
 html_static_path = ["_site/static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
+html_search_scorer = str(_ROOT / "docs/_site/scorer.js")  # pages of docs/research and docs/decisions come last
 templates_path = ["_site/templates"]
 html_sidebars = {
     "**": [

@@ -14,7 +14,8 @@ from colcon_workspace import sources
 from atpid_common.cli import Commands, Parser, load
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES += sorted(page for place in ("docs", "docs/research", "bags") for page in ROOT.glob(f"{place}/*.md"))
 
 _COMMAND = re.compile(r"(?:sudo )?(?:make(?!\()|python -m|ros2|atpid(?= [a-z-])|\. ros2_ws/activate)\b.*")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")

@@ -16,8 +16,10 @@ from atpid_common.cli import Parser, full_parser
 from atpid_control.cli import commands as installed
 from atpid_control.stand.launching.arguments import check_names
 from studies.cli import COMMANDS as STUDIES
+from studies.figures.scenes import key_lists
 
 PROGRAMS = {"atpid ": installed(), "python -m studies ": STUDIES}
+options_of = functools.cache(lambda program: options(PROGRAMS[program]))
 #: What stands for a word of the reader's, or for a choice of words: such a line is a pattern, and is not parsed.
 PATTERN = re.compile(r"[\[|…]|\b[A-Z]+\b(?!\.)|\)$")
 #: Lines that name a command in a sentence, or need a file of the reader's package.
@@ -38,23 +40,13 @@ def parser_of(program: str) -> Parser:
     return full_parser(program.strip(), PROGRAMS[program])
 
 
-@functools.cache
-def options_of(program: str) -> dict[str, set[str]]:
-    return options(PROGRAMS[program])
-
-
-def program_of(command: str) -> str | None:
-    return next((program for program in PROGRAMS if command.startswith(program)), None)
-
-
-OURS = [piece for piece in commands() if program_of(piece.text)]
+OURS = [piece for piece in commands() if piece.text.startswith(tuple(PROGRAMS))]
 OTHERS = [piece for piece in commands() if re.match(r"(sudo )?make |ros2 (launch|run) atpid", piece.text)]
 
 
 @pytest.mark.parametrize("piece", OURS, ids=lambda piece: f"{piece.page}-{piece.text[:60]}")
 def test_the_command_is_there_and_takes_these_options(piece: Piece) -> None:
-    program = program_of(piece.text)
-    assert program is not None
+    (program,) = (program for program in PROGRAMS if piece.text.startswith(program))
     typed, taken = piece.text.removeprefix(program), options_of(program)
     beginnings = [" ".join(typed.split()[:count]) for count in (3, 2, 1)]
     named = next((words for words in beginnings if words in taken), "")
@@ -135,6 +127,11 @@ def test_each_unit_is_si_and_that_of_the_code(quantity: str, unit: str, code: st
     assert all(SI.fullmatch(each) for each in units)
     named = re.findall(r"`(atpid_[\w.]+)`", code)
     assert [name for name in named if unit_in_code(name) not in (None, *units)] == [], quantity
+
+
+def test_the_keys_are_those_of_the_code() -> None:
+    page = (ROOT / "docs/scenes.md").read_text(encoding="utf-8")
+    assert page.endswith(f"\n{key_lists()}\n"), "end it with what `python -m studies figures scenes` prints"
 
 
 def test_the_numbers_of_the_example_are_those_of_the_design() -> None:

@@ -20,10 +20,8 @@ EXAMPLES = {
     if page.name != "tutorial.md"  # its example needs what its commands made: test_docs_tutorial.py
     for number, text in enumerate(blocks(page, "python"))
 }
-_CELLS = [
-    cell for cell in json.loads((ROOT / "docs/reading.ipynb").read_text())["cells"] if cell["cell_type"] == "code"
-]
-_NOTEBOOK = "\n".join("".join(cell["source"]) for cell in _CELLS)
+_CELLS = json.loads((ROOT / "docs/reading.ipynb").read_text())["cells"]
+_NOTEBOOK = "\n".join("".join(cell["source"]) for cell in _CELLS if cell["cell_type"] == "code")
 EXAMPLES["reading.ipynb"] = _NOTEBOOK.replace("../bags", "bags").replace("plt.show()", "")
 
 

@@ -24,8 +24,8 @@ from studies.figures import identification as identification
 from studies.figures import selection as selection
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Rows of docs/atlas.md: mass of the grain [%], support amplitude [mm], and the other cells.
-ATLAS = re.findall(r"^\| (\d+) % \| (\d+) \| (.+) \|$", (ROOT / "docs/atlas.md").read_text(), re.MULTILINE)
+#: Rows of docs/research/atlas.md: mass of the grain [%], support amplitude [mm], and the other cells.
+ATLAS = re.findall(r"^\| (\d+) % \| (\d+) \| (.+) \|$", (ROOT / "docs/research/atlas.md").read_text(), re.MULTILINE)
 #: Of the largest value on the axis: what processors round otherwise is far below, a changed model above.
 CLOSE = 0.01
 

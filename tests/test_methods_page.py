@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/methods.md is what `compare` computes now, apart from its times; scenes that do not fit are one line."""
+"""docs/research/methods.md is what `methods` computes now, but for its times; scenes that do not fit are one line."""
 
 import json
 import re
@@ -18,11 +18,11 @@ from studies.methods.run import PASSIVE, SELECTED
 from studies.methods.structures import levels, structures, with_restitution
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/methods.md"
+PAGE = ROOT / "docs/research/methods.md"
 SCENE = ROOT / "scenes/thesis_4_3.yaml"
 #: In percent: what processors round otherwise is far below, but a height above the cliff is not reproducible.
 CLOSE, AT_THE_CLIFF = 0.3, 8.0
-AGAIN = "run the command at the head of docs/methods.md"
+AGAIN = "run the command at the head of docs/research/methods.md"
 
 
 @pytest.fixture(scope="module")

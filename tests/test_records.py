@@ -68,3 +68,8 @@ def test_the_record_that_is_cut_off_is_refused_and_recovered(tmp_path: Path) -> 
     assert f"{LASER}: " in lost
     assert f" {last.first_index + 49}" in lost
     assert "bag_0.mcap" in lost
+
+
+@pytest.mark.parametrize("record", [*ROOT.glob("docs/decisions/0*.md")], ids=lambda record: record.stem)
+def test_a_record_of_a_decision_is_short(record: Path) -> None:
+    assert record.read_text(encoding="utf-8").count("\n") <= 45

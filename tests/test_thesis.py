@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The thesis's figures and tables, and its measurements on the stand: what the model gives without any fitting.
 
-docs/scenes.md prints the measurements beside the model's numbers, those it misses too.
+docs/research/measured.md prints the measurements beside the model's numbers, those it misses too.
 """
 
 from pathlib import Path

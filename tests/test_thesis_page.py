@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
+"""docs/research/thesis.md is what `thesis all --page` computes now; every figure and table of chapters 2-4 is on it."""
 
 import functools
 import re
@@ -14,7 +14,7 @@ from studies.thesis.rows import IRREGULAR, Row, rows_of
 from studies.thesis.study import load, names, not_computed
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/thesis.md"
+PAGE = ROOT / "docs/research/thesis.md"
 #: The last number of figures and of tables in each chapter.
 FIGURES, TABLES = {2: 46, 3: 26, 4: 46}, {2: 1, 3: 7}
 #: Relative difference of numbers on the page; what processors round otherwise is far below.
@@ -50,7 +50,7 @@ def alike(one: str, other: str, close: float) -> bool:
 def test_the_page_shows_what_is_computed_now(name: str) -> None:
     rows, shown = computed(name), printed(name)
     assert [cells[:2] for cells in shown] == [page.cells(row)[:2] for row in rows]
-    again = "run `python -m studies thesis all --out out/study --page docs/thesis.md`"
+    again = "run `python -m studies thesis all --out out/study --page docs/research/thesis.md`"
     for row, there in zip(rows, shown, strict=True):
         now = page.cells(row)
         assert there[3] == now[3], again

@@ -27,7 +27,7 @@ from studies.cli import COMMANDS as STUDIES
 ROOT = Path(__file__).resolve().parents[2]
 INTERFACES = ROOT / "atpid_interfaces" / "atpid_interfaces"
 #: Pages whose tables link to what is below them in the navigation.
-INDICES = ("docs/changes", "docs/decisions/README")
+INDICES = ("docs/changes", "docs/research/README", "docs/decisions/README")
 _ROW = re.compile(r"^\|.*\|$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#:]+)\)")
 

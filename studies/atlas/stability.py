@@ -27,7 +27,7 @@ _FARTHEST = 2.0
 #: Periods after which motions are looked for to repeat themselves.
 _PERIODS = (1, 2, 4)
 #: Where there is no stable motion, it is looked for this much lower, as shares of the clearance: a motion just beyond a
-#: fold lingers where the stable one was, for longer than any run (docs/atlas.md).
+#: fold lingers where the stable one was, for longer than any run (docs/research/atlas.md).
 _LOWER = (0.005, 0.01, 0.02, 0.04)
 #: The way back: from this clearance over that of the cliff, to so many heights between the best one and the cliff.
 _BEYOND, _RETURNS = 1.15, 12

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         else:
             figure.add_argument("--out", type=file_path, required=True, metavar="DIR", help="folder for the picture")
             figure.set_defaults(figure=_with_table, module=module)
-    chosen.add_parser("scenes", help="print the tables of docs/scenes.md").set_defaults(figure=_scene_tables)
+    chosen.add_parser("scenes", help="print the keys of docs/scenes.md").set_defaults(figure=_scene_tables)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,7 +41,7 @@ def _with_table(args: argparse.Namespace) -> int:
 
 
 def _scene_tables(_: argparse.Namespace) -> int:
-    from studies.figures.scenes import schema_tables
+    from studies.figures.scenes import key_lists
 
-    print(schema_tables())
+    print(key_lists())
     return 0

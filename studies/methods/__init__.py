@@ -1,3 +1,3 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Methods of selection and passive dampers on the same scenes: efficiency, time, robustness (docs/methods.md)."""
+"""Methods of selection and passive dampers on the same scenes: efficiency, time, robustness."""

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--page",
         type=path_to(".md"),
         metavar="FILE.md",
-        help="write the page of the documentation, its picture beside it",
+        help="write the page of the documentation, its picture in a folder `figures`",
     )
     add_workers(parser)
 
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         raise ComparisonError(f"--page: given with {', '.join(scenes)}; its text is about {', '.join(page.SCENES)}")
     folder = output.folder(args.out)
     if args.page is not None:
-        output.folder(pages.to_write(args.page).parent / "figures", "--page")
+        output.folder(pages.figures(pages.to_write(args.page)), "--page")
     results = []
     for name, scene in scenes.items():
         with counting(name, steps(scene)) as count:
@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
     Console(width=150, highlight=False, markup=False).print(_table(results))
     print(draw(results, folder / "methods.png"))
     if args.page is not None:
-        print(draw(results, args.page.parent / "figures" / "methods.png"))
+        print(draw(results, pages.figures(args.page) / "methods.png"))
         with output.writing(args.page, "--page"):
-            args.page.write_text(page.page_text(results), encoding="utf-8")
+            args.page.write_text(page.page_text(results, pages.link(args.page)), encoding="utf-8")
         print(args.page)
     return 0
 

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page made from a comparison: docs/methods.md."""
+"""The page made from a comparison: docs/research/methods.md."""
 
 import textwrap
 from collections.abc import Sequence
@@ -28,9 +28,10 @@ def rows(results: Sequence[Compared]) -> list[list[str]]:
     ]
 
 
-def page_text(results: Sequence[Compared]) -> str:
-    """Return the page as Markdown, wrapped at 100 columns but for tables."""
+def page_text(results: Sequence[Compared], figures: str) -> str:
+    """Return the page as Markdown, wrapped at 100 columns but for tables; `figures` leads to its picture."""
     text = (files("studies.methods") / "data" / "page.txt").read_text(encoding="utf-8")
+    text = text.replace("(figures/", f"({figures}/")
     tables = {
         "scenes": _table(["scene", *_SCENE_HEADINGS], [_scene(one) for one in results]),
         "methods": _table(headings(results), rows(results)),

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=file_path, help="folder of the scenes; default: scenes")
     add_workers(parser)
     parser.add_argument(
-        "--page", type=path_to(".md"), metavar="FILE.md", help="of all: write the page, pictures beside it"
+        "--page", type=path_to(".md"), metavar="FILE.md", help="of all: write the page, pictures in a folder `figures`"
     )
 
 

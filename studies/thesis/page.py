@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page that shows all studies: docs/thesis.md."""
+"""The page that shows all studies: docs/research/thesis.md."""
 
 import shutil
 import textwrap
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from atpid_common import output
+from studies import pages
 from studies.thesis.rows import Row, shown
 from studies.thesis.run import Finished
 from studies.thesis.study import FOLDER, not_computed
@@ -18,22 +19,22 @@ _CELLS = ("figure", "quantity", "ours", "thesis", "difference", "why")
 
 
 def write_page(done: Sequence[Finished], page: Path) -> list[Path]:
-    """Write the page, and the pictures into `figures/` beside it; return all files. Raises OutputError."""
-    pictures = output.folder(output.file(page, "--page").parent / "figures", "--page")
+    """Write the page, and the pictures into its folder `figures`; return all files. Raises OutputError."""
+    pictures = output.folder(pages.figures(output.file(page, "--page")), "--page")
     written = [page]
     with output.writing(page, "--page"):
         for one in done:
             if one.picture is not None:
                 written.append(pictures / f"thesis_{one.name}.png")
                 shutil.copyfile(one.picture, written[-1])
-        page.write_text(page_text(done), encoding="utf-8")
+        page.write_text(page_text(done, pages.link(page)), encoding="utf-8")
     return written
 
 
-def page_text(done: Sequence[Finished]) -> str:
-    """Return the page as Markdown, wrapped at 100 columns but for tables."""
+def page_text(done: Sequence[Finished], figures: str) -> str:
+    """Return the page as Markdown, wrapped at 100 columns but for tables; `figures` leads to its pictures."""
     intro = (FOLDER / "page.txt").read_text(encoding="utf-8")
-    parts = [wrapped(intro), summary(done), *(section(one) for one in done), _missing()]
+    parts = [wrapped(intro), summary(done), *(section(one, figures) for one in done), _missing()]
     return "\n\n".join(parts) + "\n"
 
 
@@ -50,14 +51,14 @@ def summary(done: Sequence[Finished]) -> str:
     return "\n\n".join(["## What agrees and what does not", wrapped(text), table([row for _, row in differ])])
 
 
-def section(one: Finished) -> str:
+def section(one: Finished, figures: str) -> str:
     """Return a study's section: what is assumed, its picture, its rows."""
     reference = "" if one.study.section == "reference" else f" (section {one.study.section})"
     parts = [f"## {one.study.title}{reference}"]
     if one.study.text:
         parts.append(wrapped(one.study.text))
     if one.picture is not None:
-        parts.append(f"![{one.study.title}](figures/thesis_{one.name}.png)")
+        parts.append(f"![{one.study.title}]({figures}/thesis_{one.name}.png)")
     parts.append(f"    python -m studies thesis {one.name} --out out/study")
     return "\n\n".join([*parts, table(one.rows)])
 

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/tradeoff.md from what `python -m studies tradeoff` wrote for three scenes."""
+"""docs/research/tradeoff.md from what `python -m studies tradeoff` wrote for three scenes."""
 
 import argparse
 import shutil
@@ -9,6 +9,7 @@ from pathlib import Path
 from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_common.errors import InputError
+from studies import pages
 
 _HEAD = """# Speed against accuracy
 
@@ -29,11 +30,11 @@ with others at 1e-6: `finite` may come as near, but states 7e-5, so `auto` does 
 steady motion alone: `simulate --steady`. Where the motion is chaotic no tolerance helps: look at
 `reproducible` and `spread`.
 """
-_TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
+_TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular"}
 
 
 #: Arguments of the example in the help.
-EXAMPLE = "--regular out/standard --sticking out/sticking --irregular out/irregular --out docs"
+EXAMPLE = "--regular out/standard --sticking out/sticking --irregular out/irregular --out docs/research"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,17 +45,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Assemble the page and copy the pictures beside it; return 0."""
-    parts = [_HEAD]
-    output.folder(args.out / "figures")
+    """Assemble the page and copy the pictures into its folder `figures`; return 0."""
+    page = output.folder(args.out) / "tradeoff.md"
+    parts, figures = [_HEAD], output.folder(pages.figures(page))
     for kind, title in _TITLES.items():
         folder: Path = getattr(args, kind)
         if not (folder / "tradeoff.md").is_file():
             raise InputError(f"--{kind}: given {folder}; allowed: a folder that `tradeoff` has written")
         with output.writing(args.out):
-            shutil.copyfile(folder / "tradeoff.png", args.out / "figures" / f"tradeoff_{kind}.png")
+            shutil.copyfile(folder / "tradeoff.png", figures / f"tradeoff_{kind}.png")
         table = (folder / "tradeoff.md").read_text(encoding="utf-8")
-        parts.append(f"## {title}\n\n![{title}](figures/tradeoff_{kind}.png)\n\n{table}")
+        parts.append(f"## {title}\n\n![{title}]({pages.link(page)}/tradeoff_{kind}.png)\n\n{table}")
     with output.writing(args.out):
-        (args.out / "tradeoff.md").write_text("\n".join(parts), encoding="utf-8")
+        page.write_text("\n".join(parts), encoding="utf-8")
     return 0

@@ -228,7 +228,7 @@ def test_reductions_agree_with_an_integration_of_their_own(modal: bool) -> None:
     found = designs.compare(2, 7, modal)
     assert found.regular >= 1
     assert np.median(found.difference) < 1e-3
-    # of random structures some are close to where their motion changes: docs/design_check.md has how many
+    # of random structures some are close to where their motion changes: docs/research/design_check.md has how many
     assert np.count_nonzero(found.difference > 0.01) <= 1
     assert found.difference.max() < 0.03
     assert found.bare < 1e-3

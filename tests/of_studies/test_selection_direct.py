@@ -360,7 +360,7 @@ def test_a_least_efficiency_is_a_bound_only_where_all_is_verified_and_regular(
 
 
 #: Left out: here better heights are reached only after longer irregular transients than either search waits for, and
-#: rounding decides which of them finds one (docs/selection.md, what falls short).
+#: rounding decides which of them finds one (docs/research/selection.md, what falls short).
 LUCK = (0.2, 0.01)
 
 

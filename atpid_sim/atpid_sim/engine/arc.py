@@ -9,7 +9,7 @@ Inside one segment of the drive (see `drive.py`) the support moves as
 and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying free
 vibration.
 Close to resonance these two would be large and nearly cancel: there the tone's part is taken as it grows from nothing
-at the start of the arc (docs/no_missed_impact.md).
+at the start of the arc (docs/research/no_missed_impact.md).
 """
 
 import math

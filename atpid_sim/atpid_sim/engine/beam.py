@@ -150,7 +150,7 @@ def bounded_at(arc, tau, until):
 
     The free vibration's jerk j obeys the same damped oscillator, so j'^2 + w0^2 j^2 never grows and
     |j| <= sqrt(j'^2 / w0^2 + j^2) from there on, under-, over- or critically damped alike. The particular
-    solution's jerk is bounded by its envelope, which is linear in time. docs/no_missed_impact.md has the proof.
+    solution's jerk is bounded by its envelope, which is linear in time (docs/research/no_missed_impact.md).
     The last value is None, or of several modes `modal_beam.Fast`.
     """
     return _bounded(arc.modes, arc, tau, until)

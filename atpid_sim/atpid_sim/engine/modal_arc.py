@@ -3,7 +3,7 @@
 """Motion of a structure of several modes along an arc, in closed form, and bounds of what follows.
 
 All modes answer a tone with that tone and a cubic with a cubic: these add up to one of each, and only the free
-vibrations remain apart. What is fast and small is bounded by its size as well (docs/no_missed_impact.md).
+vibrations remain apart. What is fast and small is bounded by its size as well (docs/research/no_missed_impact.md).
 """
 
 import cmath

@@ -35,7 +35,8 @@ _REGULAR = 0.02
 REPEATS = 4
 #: Tolerance of runs by which a regular motion is followed in height, the first step and the least, over the clearance.
 _FOLLOWED_RTOL, _MOVED, _RESOLVED = 1e-8, 2e-3, 2e-4
-#: Tolerance of runs with contacts from a table: finer ones change the amplitude by less than 2e-5 (docs/tradeoff.md).
+#: Tolerance of runs with contacts from a table: finer ones change the amplitude by less than 2e-5
+#: (docs/research/tradeoff.md).
 _FINITE_RTOL = 1e-4
 
 

@@ -36,7 +36,7 @@ SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C
 LOOSEST = 0.1
 #: Residual of the energy ledger from which a run must not be used.
 OPEN = 0.1
-#: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
+#: The integrator's relative tolerance is this share of the amplitude error asked for (docs/research/tradeoff.md).
 _TOLERANCE_SHARE = 0.3
 #: Steps any run may take, hundreds of times those of the standard task, and more for every cycle of beam or drive,
 #: eight times those of the standard task: no run is endless, a hard case still ends, and so does a very long one.
