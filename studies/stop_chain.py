@@ -235,20 +235,17 @@ def measured(ways: Sequence[Way], repeats: int, late: float) -> Iterator[tuple[W
                     way.undo(stand)
 
 
-def table(rows: Sequence[Row], late: float) -> str:
+def table(rows: Sequence[Row]) -> str:
     """Return the worst of each way as a Markdown table."""
-    head = f"motor off after | with answers {1e3 * late:g} ms late | further travel"
-    lines = [f"| way | {head} | answered or published | allowed |", "|---|---|---|---|---|---|"]
+    lines = ["| way | motor off after | further travel | allowed |", "|---|---|---|---|"]
     for row in rows:
         if row.way.stops:
-            at_once, later = ([one.off for one in row.seen[kind]] for kind in (False, True))
-            travel = [one.travel for seen in row.seen.values() for one in seen]
-            cells = [_worst(at_once, "ms"), _worst(later, "ms"), _worst(travel, "mm")]
+            every = [one for seen in row.seen.values() for one in seen]
+            worst = [_worst([one.off for one in every], "ms"), _worst([one.travel for one in every], "mm")]
+            cells = [*worst, f"{1e3 * row.way.allowed:g} ms"]
         else:
             cells = ["–"] * 3
-        answer = next(one.answer for seen in row.seen.values() for one in seen)
-        allowed = f"{1e3 * row.way.allowed:g} ms" if row.way.stops else "–"
-        lines.append(f"| {' | '.join([row.way.name, *cells, answer, allowed])} |")
+        lines.append(f"| {' | '.join([row.way.name, *cells])} |")
     return "\n".join(lines)
 
 
@@ -288,7 +285,7 @@ def run(arguments: argparse.Namespace) -> int:
             rows[way.name].seen[late > 0.0].append(seen)
             broken += bool(seen.problems)
             print(f"{way.name}, answers {1e3 * late:g} ms late: {_line(seen)}", flush=True)
-    made = f"{table(list(rows.values()), arguments.late)}"
+    made = table(list(rows.values()))
     print(made)
     print(f"{sum(len(seen) for row in rows.values() for seen in row.seen.values())} stops, {broken} that broke a rule")
     if arguments.page:
