@@ -19,16 +19,22 @@ _INTRODUCTION = """\
 
     python -m studies faults --out DIR [--part PART] [--page docs/faults.md]
 
-runs each fault through the real graph, beside the same run without it, and makes this page. It ends
-with status 1 where a fault was not felt (its part gave nothing else than without it), the ceiling
-was outside its limits or too fast, a block was not answered exactly once or the bag is not whole.
-What is in DIR already is not run again. Times that are missing: nothing was reported.
+runs each fault through the real graph, beside the same run without it, and makes this page. Status
+1: a fault was not felt, the ceiling was outside its limits or too fast, a block was not answered
+exactly once, or the bag is not whole. Runs that are in DIR already are not repeated.
 
-Sensors, motor and clock are run in lockstep: the standard bench at 0.03 m, 0.02 m from 7 s on; the
-fault is there from {begin:g} to {end:g} s. *Height apart*: the largest difference of the commanded height
-while the fault is there. Serial link and recorder are run in real time, at 0.03 m, the fault from
-{paced:g} to {over:g} s, while the ceiling is on its way: the link on the emulated stand, with the real
-firmware, whose own state is looked at every 20 ms; the recorder as a process, whose file is.
+Sensors, motor and clock: in lockstep, the standard bench at 0.03 m, 0.02 m from 7 s on; the fault
+from {begin:g} to {end:g} s. Serial link (emulated stand, real firmware) and recorder: in real time, at 0.03 m,
+the fault from {paced:g} to {over:g} s, the ceiling on its way.
+
+| column | meaning; empty: nothing was reported |
+|---|---|
+| event, after | what reports the fault, and when, from its begin [s] |
+| ended | from the fault's end to the event that reports it [s] |
+| apart | largest difference of the commanded height from the run without fault, while it lasts [m] |
+| back | from the fault's end until the height is that without fault [s] |
+| beam | largest amplitude while the fault lasts, over that without [-] |
+| off | until the motor is off [s] |
 
 A scene injects faults by its key `faults` ([scenes](scenes.md)):
 
@@ -38,44 +44,36 @@ faults:
   - {{part: accelerometer, kind: wrong, from: 4.0, to: 8.0, value: 0.5}}
 ```
 
-In a running graph in real time the parameter of that name takes `PART KIND FROM TO [VALUE]` with
-the times in seconds of the run; `['']` ends them. The plant has the faults of sensors and clock,
-the motor node those of a simulated motor and height sensor, counted from its first command:
+A graph in real time takes `PART KIND FROM TO [VALUE]`, in seconds of the run, by the parameter
+`faults`; `['']` ends them. The plant has those of sensors and clock, the motor node those of a
+simulated motor and height sensor, counted from its first command:
 
     atpid ros param set /plant_node faults "['support_laser stuck 0 1000']"
     atpid ros param set /motor_node faults "['motor off 0 1000']"
 
-Faults of the serial link are put in between the emulated board and the motor node, which takes none
-with a serial port; those of the recorder come from the bench, which kills it or starts it on a disk
-that fails. What cannot be injected is refused with the reason: the simulated bench has no serial
-link, in lockstep the recorder is no process, and the stand's scene, whose parts are real, has none.
-The events are
-those of `events` in the bag; the state of each channel and clock is in `/diagnostics`
-(`identifier_node: support_displacement`).
+Faults of the serial link need the emulated board, those of the recorder a bench in real time; what
+cannot be injected is refused with the reason. The states of channels and clock are in
+`/diagnostics` (`identifier_node: support_displacement`).
 
 ## Random sequences
 
     python -m studies faults --sequences 300 --faults 5 --seed 1 --out DIR
 
-runs sequences of faults of random part, kind, value, begin and length (0.02 to 4 s), of several
-parts at once, in lockstep. After each: every state is a documented one, a latched fault has a name
-and the ceiling stands meanwhile, every block was answered once, the bag is whole and its
-[check](recording.md#what-a-bag-holds) silent, no log has a traceback; and once a person has armed
-the motor after the last fault, height and ceiling end within 10 % of where they do without faults.
-A sequence that fails is printed with its number and faults, and its scene and bag stay in DIR.
-Those that passed are not run again, so that a long run can be taken up.
-
+runs random faults, several at once, in lockstep. After each sequence every state is a documented
+one, a latched fault has a name and the ceiling stands, every block was answered once, the bag is
+whole and its [check](recording.md#what-a-bag-holds) silent; and once a person has armed the motor,
+height and ceiling end within 10 % of the run without faults. A sequence that fails is printed, and
+its scene and bag stay in DIR.
 """
 
 
 _STOPS = """\
 ### Stops on a line that fails
 
-What a stop (`STOP`, or `DISARM`: motor off) does while the line is in such a state, at any instant
-and after any heights, before the real firmware in its own time. A stop is on the wire within 30 ms
-of the call, no height follows it, and the answer to the caller is the board's state. Where no frame
-passes, the firmware's heartbeat switches off; *confirmed*: when the caller has it. Times in ms;
-empty: the motor was off already, or nothing was confirmed within 0.5 s.
+`STOP` (hold) or `DISARM` (motor off) at any instant and after any heights, before the real firmware.
+A stop is on the wire within 30 ms of the call, and no height follows it. Where no frame passes, the
+firmware switches off for want of a heartbeat. *Confirmed*: when the caller has the answer. Times in
+ms; empty: the motor was off already, or nothing was confirmed within 0.5 s.
 """
 
 
@@ -108,14 +106,8 @@ def page(rows: Sequence[Row | PacedRow]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-_COLUMNS = (
-    "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "height apart by [m]",
-    "height as without it after [s]", "beam, against without [-]",
-)  # fmt: skip
-_PACED = (
-    "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "motor off after [s]",
-    "the run", "the bag",
-)  # fmt: skip
+_COLUMNS = ("kind", "what is done", "event, after", "ended", "apart", "back", "beam")
+_PACED = ("kind", "what is done", "event, after", "ended", "off", "run", "bag")
 
 
 def _head(columns: Sequence[str]) -> str:
@@ -137,7 +129,6 @@ def _cells(row: Row | PacedRow, begin: float, end: float, *more: str) -> str:
     meaning = FAULT_KINDS[row.part][row.kind]
     value = f" (value: {meaning.default:g} {meaning.unit})".replace(" -)", ")") if meaning.unit else ""
     found, ended = row.detected, row.recovered
-    detected = f"event `{found.kind}`" if found else "no"
-    after = f"{found.time - begin:.2f}" if found else ""
+    detected = f"`{found.kind}`, {found.time - begin:.2f}" if found else "none"
     again = f"{ended.time - end:.2f}" if ended else ""
-    return f"| {' | '.join((row.kind, meaning.text + value, detected, after, again, *more))} |"
+    return f"| {' | '.join((row.kind, meaning.text + value, detected, again, *more))} |"
