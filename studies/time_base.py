@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well two devices' clocks are known, and the error bars of sweeps and of tones in an acceleration.
 
-Transports, beams and noise are drawn here, the beams' motion by scipy: `python -m studies time-base --page
-docs/reading.md` puts the table into that page.
+Transports, beams and noise are drawn here, the beams' motion by scipy. `--page FILE` puts the tables between the lines
+`<!-- made by python -m studies time-base -->` and `<!-- end -->` of a page.
 """
 
 import argparse

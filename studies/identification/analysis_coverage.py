@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often the 95 % intervals of orders and frequency response hold the truth, and when friction is named.
 
-The signals are made here; `python -m studies.identification.analysis_coverage` prints the table of docs/reading.md.
+The signals are made here; `python -m studies.identification.analysis_coverage` prints the table.
 """
 
 import math
