@@ -242,17 +242,17 @@ def measured(events: Sequence[Occurrence], backend: str) -> Iterator[tuple[str, 
 
 
 def table(events: Sequence[Occurrence], backends: Sequence[str], found: Found) -> str:
-    """Return the worst of each event as a Markdown table."""
-    head = ["event", *(f"`{backend}`" for backend in backends), "allowed", "latched", "to go on"]
+    """Return the worst of each event as a Markdown table, times in ms."""
+    head = ["event", *(f"`{backend}`" for backend in backends), "allowed", "to go on"]
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     for name in (event.name for event in events):
         seen = [one for backend in backends for one in found.get((name, backend), [])]
         if not seen:
             continue
         cells = [_worst(found.get((name, backend), [])) for backend in backends]
-        ways = [" or ".join(dict.fromkeys(getattr(one, kind) for one in seen)) for kind in ("latched", "go_on")]
-        allowed = f"{1e3 * max(one.case.allowed for one in seen):.0f} ms"
-        lines.append(f"| {' | '.join([name, *cells, allowed, *ways])} |")
+        allowed = f"{1e3 * max(one.case.allowed for one in seen):.0f}"
+        go_on = " or ".join(dict.fromkeys(one.go_on for one in seen))
+        lines.append(f"| {' | '.join([name, *cells, allowed, go_on])} |")
     return "\n".join(lines)
 
 
@@ -261,10 +261,9 @@ def _worst(seen: Sequence[Seen]) -> str:
     if not seen:
         return "–"
     worst = max(seen, key=lambda one: one.off - one.case.allowed)
-    of = f" ({worst.case.name})" if len(seen) > 1 else ""
     if worst.off > worst.case.allowed + 0.9 * WATCHED:
-        return f"constant after {max(0.0, 1e3 * worst.still):.0f} ms{of}"
-    return f"{max(0.0, 1e3 * worst.off):.0f} ms{of}"
+        return f"constant after {max(0.0, 1e3 * worst.still):.0f}"
+    return f"{max(0.0, 1e3 * worst.off):.0f}"
 
 
 def wrong(seen: Seen, backend: str) -> bool:
