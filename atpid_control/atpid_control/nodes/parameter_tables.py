@@ -91,9 +91,8 @@ SELECTOR = (
     _live("step_back", 0.06, "share of the clearance given up when the motion is irregular", "-", 1e-3, 0.9),
     _live(
         "settle_count", 24,
-        "estimates after the ceiling has come to rest in which irregular motion does not count: the closed beam's decay "
-        "time",
-        "", 0, 10_000,
+        "estimates after the ceiling has come to rest in which irregular motion does not count: the closed beam's "
+        "decay time", "", 0, 10_000,
     ),
     _live(
         "rumble_count", 6, "consecutive irregular estimates after that, before the ceiling steps back", "", 1, 10_000,
