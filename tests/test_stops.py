@@ -69,10 +69,9 @@ def test_the_table_has_the_worst_and_goes_between_its_lines(tmp_path: Path) -> N
     row = Row(next(way for way in WAYS if way.name == "cable pulled"))
     row.seen[False] = [Seen(0.4, 0.12, "gone", ()), Seen(0.45, 0.13, "gone", ())]
     made = stop_chain.table([row])
-    assert made.splitlines()[-1].split(" | ")[1:] == ["450 ms", "130 mm", "500 ms |"]
+    assert made.endswith("| cable pulled | 450 ms | 130 mm | 500 ms |")
     row.seen[True] = [Seen(math.nan, 0.9, "gone", ())]
-    made = stop_chain.table([row])
-    assert made.splitlines()[-1].split(" | ")[1:] == ["never", "900 mm", "500 ms |"]
+    assert stop_chain.table([row]).endswith("| cable pulled | never | 900 mm | 500 ms |")
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- made by python -m studies stop-chain -->\nold\n<!-- end -->\nafter\n")
     into(page, made)
