@@ -160,11 +160,11 @@ cpp: setup ## build the messages for C++ too, which `ros2 bag`, built beside the
 	    -DPython3_EXECUTABLE=$$VIRTUAL_ENV/bin/python -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release; }
 
 .PHONY: parquet
-parquet: ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
+parquet: ## install what `atpid bag export --format parquet` needs, 170 MB (docs/recording.md)
 	$(call set_up,parquet)
 
 .PHONY: import
-import: ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/reading.md)
+import: ## install what `atpid bag import` and `export` need for TDMS, and MATLAB 7.3 (docs/recording.md)
 	$(call set_up,import)
 
 .PHONY: docs

@@ -28,6 +28,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "parameters.md"
 BACKENDS: dict[str, Table] = {name: rows_of(backend(name).settings) for name in BUILT_IN}
 ACQUISITION: Table = common_rows()
+#: What motor and exciter share.
+DRIVES: Table = tuple(row for row in motor_interface.TABLE if row in excitation_node.TABLE)
 #: The tables of the page, by their headings.
 SECTIONS: dict[str, Table] = {
     "Every node": node_main.PARAMETERS,
@@ -35,8 +37,9 @@ SECTIONS: dict[str, Table] = {
     "selector_node": SELECTOR,
     "supervisor_node": SUPERVISOR,
     "live_node": live_node.PARAMETERS,
-    "motor_node": motor_interface.TABLE,
-    "excitation_node": excitation_node.TABLE,
+    "Motor and exciter": DRIVES,
+    "motor_node": tuple(row for row in motor_interface.TABLE if row not in DRIVES),
+    "excitation_node": tuple(row for row in excitation_node.TABLE if row not in DRIVES),
     "recorder_node": recorder_parameters.PARAMETERS,
     "acquisition_node": ACQUISITION,
     **{f"Backend {name}": table for name, table in BACKENDS.items()},
@@ -95,12 +98,12 @@ def _anew(table: Table, section: re.Match[str]) -> str:
 
 def markdown(table: Sequence[Entry]) -> str:
     """Return the table as the page shows it."""
-    head = ("parameter", "default", "allowed", "live", "meaning")
+    head = ("parameter", "default", "allowed", "meaning")
     rows = [head, ("---",) * len(head), *map(_cells, table)]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _cells(row: Entry) -> tuple[str, str, str, str, str]:
+def _cells(row: Entry) -> tuple[str, str, str, str]:
     default = f"`{row.default}`" if row.default != "" else "empty"
     if isinstance(row.default, Parameter.Type):
         default = "none"
@@ -108,8 +111,8 @@ def _cells(row: Entry) -> tuple[str, str, str, str, str]:
         default = "all of the graph"
     allowed = ", ".join(f"`{choice}`" if choice else "empty" for choice in row.choices)
     if row.low is not None and row.high is not None:
-        allowed = f"{row.low:g} to {row.high:g}"
-    return f"`{row.name}`", default, allowed, "yes" if row.live else "", row.descriptor().description
+        allowed = f"{row.low:g}…{row.high:g}"
+    return f"`{row.name}`{', live' if row.live else ''}", default, allowed, row.descriptor().description
 
 
 def parameter_file(name: str, text: str) -> str:

@@ -17,17 +17,23 @@ _INTRODUCTION = """\
 
     python -m studies faults --out DIR [--part PART] [--page docs/faults.md]
 
-runs each fault through the real graph, beside the same run without it, and makes this page. It ends
-with status 1 where a fault was not felt (its part gave nothing else than without it), the ceiling
-was outside its limits or too fast, a block was not answered exactly once or the bag is not whole.
-What is in DIR already is not run again. Times that are missing: nothing was reported.
+runs each fault through the real graph, beside the same run without it, and makes this page. Status
+1: a fault was not felt, the ceiling was outside its limits or too fast, a block was not answered
+exactly once, or the bag is not whole. Runs that are in DIR already are not repeated.
 
-Sensors, motor and clock are run in lockstep: the standard bench at 0.03 m, 0.02 m from 7 s on; the
-fault is there from {begin:g} to {end:g} s. *Height apart*: the largest difference of the commanded height
-while the fault is there. Serial link and recorder were run in real time, at 0.03 m, the fault from
-1.5 to 4.5 s, while the ceiling was on its way: the link on the emulated stand, with the real
-firmware, whose own state was looked at every 20 ms; the recorder as a process, whose file was.
-These tables were [made once](decisions/0066-studies-made-once.md).
+Sensors, motor and clock: in lockstep, the standard bench at 0.03 m, 0.02 m from 7 s on; the fault
+from {begin:g} to {end:g} s. Serial link (emulated stand, real firmware) and recorder: in real time, at 0.03 m,
+the fault from 1.5 to 4.5 s, the ceiling on its way; these tables were
+[made once](decisions/0066-studies-made-once.md).
+
+| column | meaning; empty: nothing was reported |
+|---|---|
+| event, after | what reports the fault, and when, from its begin [s] |
+| ended | from the fault's end to the event that reports it [s] |
+| apart | largest difference of the commanded height from the run without fault, while it lasts [m] |
+| back | from the fault's end until the height is that without fault [s] |
+| beam | largest amplitude while the fault lasts, over that without [-] |
+| off | until the motor is off [s] |
 
 A scene injects faults by its key `faults` ([scenes](scenes.md)):
 
@@ -37,20 +43,16 @@ faults:
   - {{part: accelerometer, kind: wrong, from: 4.0, to: 8.0, value: 0.5}}
 ```
 
-In a running graph in real time the parameter of that name takes `PART KIND FROM TO [VALUE]` with
-the times in seconds of the run; `['']` ends them. The plant has the faults of sensors and clock,
-the motor node those of a simulated motor and height sensor, counted from its first command:
+A graph in real time takes `PART KIND FROM TO [VALUE]`, in seconds of the run, by the parameter
+`faults`; `['']` ends them. The plant has those of sensors and clock, the motor node those of a
+simulated motor and height sensor, counted from its first command:
 
     atpid ros param set /plant_node faults "['support_laser stuck 0 1000']"
     atpid ros param set /motor_node faults "['motor off 0 1000']"
 
-Faults of the serial link are put in between the emulated board and the motor node, which takes none
-with a serial port; those of the recorder come from the bench, which kills it or starts it on a disk
-that fails. What cannot be injected is refused with the reason: the simulated bench has no serial
-link, in lockstep the recorder is no process, and the stand's scene, whose parts are real, has none.
-The events are
-those of `events` in the bag; the state of each channel and clock is in `/diagnostics`
-(`identifier_node: support_displacement`).
+Faults of the serial link need the emulated board, those of the recorder a bench in real time; what
+cannot be injected is refused with the reason. The states of channels and clock are in
+`/diagnostics` (`identifier_node: support_displacement`).
 
 ## Random sequences
 
@@ -77,45 +79,49 @@ def page(rows: Sequence[Row]) -> str:
     for part in PARTS:
         lines += [f"## {part.replace('_', ' ').capitalize()}", ""]
         note = notes[part]
+        part_rows = [row for row in rows if row.part == part]
+        same = part in LOCKSTEP and all(_without_effect(row) for row in part_rows)
         text = f"Safe state: {note['safe']}. Recovery: {note['recover']}. Recorded: {note['recorded']}."
+        text += " Heights and beam are those without the fault." if same else ""
         lines += [*textwrap.wrap(text, 100), ""]
-        lines += _table(rows, part, notes["undetected"]) if part in LOCKSTEP else [_kept(part)]
+        lines += _table(part_rows, same, notes["undetected"]) if part in LOCKSTEP else [_kept(part)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+_COLUMNS = ("kind", "what is done", "event, after", "ended", "apart", "back", "beam")
 
 
 def _kept(part: str) -> str:
     return files("studies.fault_matrix").joinpath(f"data/{part}.md").read_text(encoding="utf-8")
 
 
-def _table(rows: Sequence[Row], part: str, undetected: Mapping[str, str]) -> list[str]:
+def _table(rows: Sequence[Row], same: bool, undetected: Mapping[str, str]) -> list[str]:
     """Return the table of a part, and why some of its faults are not detected."""
-    of_part = [row for row in rows if row.part == part]
-    lines = [f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|", *map(_line, of_part)]
-    for row in of_part:
+    columns = _COLUMNS[:4] if same else _COLUMNS
+    lines = [f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", *(_line(row, same) for row in rows)]
+    for row in rows:
         if row.detected is None:
             found = f"- {row.kind} is not detected: {undetected.get(f'{row.part} {row.kind}', 'not detected')}."
             lines += ["", *textwrap.wrap(found, 100, subsequent_indent="  ")]
     return [*lines, ""]
 
 
-_COLUMNS = (
-    "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "height apart by [m]",
-    "height as without it after [s]", "beam, against without [-]",
-)  # fmt: skip
+def _without_effect(row: Row) -> bool:
+    """Whether heights and the beam's amplitude are those of the run without the fault, as far as the table shows."""
+    return row.moved < 5e-4 and row.recovery < 0.05 and abs(row.amplitude - 1.0) < 5e-3
 
 
-def _line(row: Row) -> str:
+def _line(row: Row, same: bool) -> str:
     meaning = FAULT_KINDS[row.part][row.kind]
     value = f" (value: {meaning.default:g} {meaning.unit})".replace(" -)", ")") if meaning.unit else ""
     found, ended = row.detected, row.recovered
-    cells = (
+    cells = [
         row.kind,
         meaning.text + value,
-        f"event `{found.kind}`" if found else "no",
-        f"{found.time - BEGIN:.2f}" if found else "",
+        f"`{found.kind}`, {found.time - BEGIN:.2f}" if found else "none",
         f"{ended.time - END:.2f}" if ended else "",
-        f"{row.moved:.3f}",
-        "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}",
-        f"{row.amplitude:.2f}",
-    )
+    ]
+    if not same:
+        back = "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}"
+        cells += [f"{row.moved:.3f}", back, f"{row.amplitude:.2f}"]
     return f"| {' | '.join(cells)} |"

@@ -47,9 +47,9 @@ IDENTIFIER = (
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),
     Entry("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
-    _live("rumble_onset", 0.06, "scatter of the beam's amplitude from which it rumbles", "-", 1e-4, 0.99),
-    _live("rumble_calm", 0.03, "scatter below which a period is calm, at most rumble_onset", "-", 1e-4, 0.99),
-    _live("rumble_calm_periods", 3, "consecutive calm periods that end the rumble", "", 1, 1000),
+    _live("rumble_onset", 0.06, "scatter of the beam's amplitude from which its motion is irregular", "-", 1e-4, 0.99),
+    _live("rumble_calm", 0.03, "scatter below which a period is regular, at most rumble_onset", "-", 1e-4, 0.99),
+    _live("rumble_calm_periods", 3, "consecutive regular periods that end irregular motion", "", 1, 1000),
     _live("rumble_least_amplitude", 0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0),
     _live("stale_timeout", 0.4, "silence of sensors/laser that is an event, at least three blocks", "s", 0.1, 60.0),
     _live("dead_time", 0.2, "a channel without one valid reading for so long is dead", "s", 0.01, 60.0),
@@ -88,14 +88,14 @@ SELECTOR = (
         "relative change of frequency that moves nothing, of a method that selects at any frequency: "
         "0.01 is up to 0.05 of the height", "-", 0.0, 0.9,
     ),
-    _live("step_back", 0.06, "share of the clearance given up when the beam rumbles", "-", 1e-3, 0.9),
+    _live("step_back", 0.06, "share of the clearance given up when the motion is irregular", "-", 1e-3, 0.9),
     _live(
         "settle_count", 24,
-        "estimates after the ceiling has come to rest that do not count as rumble: the closed beam's decay time",
-        "", 0, 10_000,
+        "estimates after the ceiling has come to rest in which irregular motion does not count: the closed beam's "
+        "decay time", "", 0, 10_000,
     ),
     _live(
-        "rumble_count", 6, "consecutive estimates that rumble after that, before the ceiling steps back", "", 1, 10_000,
+        "rumble_count", 6, "consecutive irregular estimates after that, before the ceiling steps back", "", 1, 10_000,
     ),
     _live(
         "step_back_excess", 0.15, "amplitude of the beam above the predicted that is more than inaccuracy", "-", 0.0,
