@@ -94,7 +94,6 @@ class HeightSelector(Protocol):
     Who adds one implements `method`, `simulates` and `select`, and names a function `(scene, height map or None) ->
     selector` in the entry-point group `atpid.selectors`; `violations` is its contract test.
 
-
     A method that selects at other frequencies than the scene's has `frequencies`, the lowest and the highest of them
     [Hz]; one without is asked for heights at the scene's alone (`frequency_tolerance` of selector.yaml).
     """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Acquisition devices behind one protocol (`Acquisition`): LabJack T7, NI-9230, simulated.
 
-The names here are those that a backend of another distribution is written with (docs/howto_sensor.md).
+The names here are those that a backend of another distribution is written with (docs/extend.md).
 """
 
 from atpid_driver.acquisition.errors import (

@@ -50,6 +50,9 @@ class Block:
 class Acquisition(Protocol):
     """A device that streams blocks of voltages. All calls come from one thread; any may raise AcquisitionError.
 
+    Who adds one implements these methods and names a `registry.Backend` in the entry-point group `atpid.acquisition`;
+    `contract.AcquisitionContract` has the tests that every backend passes (docs/extend.md).
+
     One with a clock of its own has the attribute `start_ns`: its time of index 0 [ns since the epoch].
     """
 

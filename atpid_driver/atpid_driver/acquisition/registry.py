@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Backends by name: those built in, and those that installed distributions declare as entry points of `GROUP`.
 
-A vendor's package is imported when a device is opened, not before (docs/howto_sensor.md).
+A vendor's package is imported when a device is opened, not before (docs/extend.md).
 """
 
 from collections.abc import Callable

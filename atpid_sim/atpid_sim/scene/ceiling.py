@@ -103,7 +103,7 @@ class ProfileCeiling(PrescribedCeiling):
 
 #: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
 CONTROLLERS = ("lookup", "pca", "direct", "search")
-#: Entry-point group of further methods, installed by other distributions (docs/howto_selector.md).
+#: Entry-point group of further methods, installed by other distributions (docs/extend.md).
 SELECTORS = "atpid.selectors"
 
 
