@@ -84,7 +84,7 @@ def page(rows: Sequence[Row]) -> str:
 
 
 def _kept(part: str) -> str:
-    return files("studies.fault_matrix").joinpath(f"data/{part}.md").read_text(encoding="utf-8")
+    return files("studies.fault_matrix").joinpath(f"data/{part}.txt").read_text(encoding="utf-8")
 
 
 def _table(rows: Sequence[Row], part: str, undetected: Mapping[str, str]) -> list[str]:
