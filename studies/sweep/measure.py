@@ -60,7 +60,8 @@ def sweep(
 
     done = batch.run(workers, report)
     wall = time.perf_counter() - begin
-    return Sweep(*(np.concatenate(column) for column in zip(*done, strict=True)), wall)
+    amplitudes, impacts, times = (np.concatenate(column) for column in zip(*done, strict=True))
+    return Sweep(amplitudes, impacts, times, wall)
 
 
 def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> tuple[Array, Array, Array]:
