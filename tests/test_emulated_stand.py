@@ -8,12 +8,13 @@ A known motion that fails ends the run; in lockstep there is none. One that pass
 import json
 import math
 import os
+import pty
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,7 +25,6 @@ import pytest
 import yaml
 from graph_runs import scene_file, wait_until
 from motor_rigs import words
-from studies.watched_stand import Terminal
 from test_graph_force import CHANGES, FORCE
 
 from atpid_control.analysis.signals import signals_of
@@ -174,19 +174,46 @@ def parameter_file(path: Path, node: str, **values: object) -> Path:
     return path
 
 
-@dataclass
-class Stood:
-    """What was seen of a stand in a namespace, at a terminal: Enter stopped its motor, Ctrl-C ended it."""
+class Terminal:
+    """A command at a terminal of its own: what is typed reaches it, what it prints is kept."""
 
-    status: int
-    printed: str
-    bag: Path
-    off_after: float = math.nan  # from Enter until the motor itself was off [s]; NaN: no emulated board
+    def __init__(self, *words: object) -> None:
+        self.pid, self._file = pty.fork()
+        if self.pid == 0:
+            os.execvp(str(words[0]), list(map(str, words)))  # the child of the fork above
+        self.printed = ""
+        self.status: int | None = None
+        self._reader = threading.Thread(target=self._read, name="reader")
+        self._reader.start()
+
+    def _read(self) -> None:
+        with suppress(OSError):  # the command has ended
+            while data := os.read(self._file, 4096):
+                self.printed += data.decode(errors="replace")
+
+    def type(self, text: str) -> None:
+        os.write(self._file, text.encode())
+
+    def end(self, options: int = 0) -> int | None:
+        """Return the exit status, waited for but with WNOHANG; None: it runs."""
+        if self.status is None:
+            pid, status = os.waitpid(self.pid, options)
+            if pid:
+                self.status = os.waitstatus_to_exitcode(status)
+                self._reader.join()
+                os.close(self._file)
+        return self.status
+
+    def node(self, name: str) -> int:
+        """Return the process of a node."""
+        tasks = Path(f"/proc/{self.pid}/task").iterdir()
+        children = [child for task in tasks for child in (task / "children").read_text().split()]
+        return int(next(child for child in children if name in Path(f"/proc/{child}/cmdline").read_text()))
 
 
-@pytest.fixture(scope="module")
-def stood(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Stood:
-    folder = tmp_path_factory.mktemp("stand")
+@contextmanager
+def at_a_terminal(scenes: Path, folder: Path) -> Iterator[tuple[Terminal, Emulator | None]]:
+    """Run a stand in a namespace, with the real firmware where it can be built."""
     limits = {"lowest": 0.017, "highest": 1.0, "speed": 0.3}
     with ExitStack() as stack:
         stack.enter_context(own_domain())
@@ -208,22 +235,63 @@ def stood(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Stood:
             "atpid", "stand", scenes / "stand_realtime.yaml", "--bag", folder / "bag", "--params-file", levels,
             "--labjack-config", files["labjack"], "--motor-config", files["motor"], "--namespace", "lab1",
         )  # fmt: skip
-        stack.callback(lambda: os.kill(terminal.pid, signal.SIGTERM) if terminal.poll() is None else None)
+        stack.callback(terminal.end)
+        stack.callback(lambda: os.kill(terminal.pid, signal.SIGTERM) if terminal.end(os.WNOHANG) is None else None)
         for words in ("Enter stops the motor", "simulated:1 streams 2 channels at 1000 Hz", "supervisor_node]: ready"):
-            wait_until(lambda words=words: words in terminal.printed or terminal.poll() is not None)  # type: ignore[misc]
+            wait_until(lambda words=words: words in terminal.printed or terminal.end(os.WNOHANG) is not None)  # type: ignore[misc]
             assert words in terminal.printed, terminal.printed
+        yield terminal, board
+
+
+def off_after(board: Emulator, act: Callable[[], object]) -> float:
+    """Return how long after an act in the middle of a travel the motor was off, by the board's clock [s]."""
+    wait_until(lambda: board.state().motor != 0)
+    begun = board.state()
+    act()
+    wait_until(lambda: board.state().motor == 0)
+    return (board.state().motor_off_ms - begun.ms) * 1e-3
+
+
+@dataclass
+class Stood:
+    """What was seen of a stand in a namespace, at a terminal: Enter stopped its motor, Ctrl-C ended it."""
+
+    status: int | None
+    printed: str
+    bag: Path
+    off_after: float = math.nan  # from Enter until the motor itself was off [s]; NaN: no emulated board
+
+
+@pytest.fixture(scope="module")
+def stood(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Stood:
+    folder = tmp_path_factory.mktemp("stand")
+    with at_a_terminal(scenes, folder) as (terminal, board):
         made = Stood(0, "", folder / "bag")
         if board:
-            wait_until(lambda: board.state().motor != 0)
-            begun = board.state()
-            terminal.type("\n")
-            wait_until(lambda: board.state().motor == 0)
-            made.off_after = (board.state().motor_off_ms - begun.ms) * 1e-3
+            made.off_after = off_after(board, lambda: terminal.type("\n"))
             wait_until(lambda: "motor off" in terminal.printed)
         wait_until(lambda: find_parts(folder / "bag")[0].stat().st_size > 150_000)  # more than it begins with
         terminal.type("\x03")
         made.status, made.printed = terminal.end(), terminal.printed
     return made
+
+
+@pytest.mark.wall_time
+@pytest.mark.parametrize("lost", ["cable", "selector_node"])
+def test_where_a_part_is_lost_the_motor_goes_off(lost: str, scenes: Path, tmp_path: Path) -> None:
+    with at_a_terminal(scenes, tmp_path) as (terminal, board):
+        if board is None:
+            pytest.skip("left out: the AVR tools are missing")
+
+        def lose() -> None:
+            if lost == "cable":
+                board.do("unplug")
+            else:
+                os.kill(terminal.node(lost), signal.SIGKILL)
+
+        after = off_after(board, lose)
+        print(f"{lost} lost: motor off after {after * 1e3:.0f} ms")
+        assert after <= 0.8  # by the firmware's heartbeat after 0.5 s, and what a busy machine adds
 
 
 @pytest.mark.wall_time

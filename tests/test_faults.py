@@ -8,8 +8,8 @@ A run takes seconds: some rows of the matrix are acted here, all that the graph 
 import contextlib
 import io
 import math
-import re
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,13 @@ import pytest
 import yaml
 from graph_runs import in_real_time
 from hypothesis import settings
-from studies.fault_matrix.paced import Paced, Sample
-from studies.fault_matrix.sequences import EARLIEST, LATEST, drawn
 
 from atpid_common.channel_monitor import ChannelState
 from atpid_common.injected_faults import KINDS, LOCKSTEP, PARTS, FaultError, Injected, overlapping, parsed
+from atpid_common.vocabulary import Mode
 from atpid_control.cli import main as control
 from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWatch
+from atpid_control.runs.check import check
 from atpid_control.runs.recover import recover
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.errors import NodeDiedError
@@ -31,9 +31,9 @@ from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
 from atpid_sim.system import Array
 from studies.cli import main
-from studies.fault_matrix import command, paced, sequences
+from studies.fault_matrix import command
 from studies.fault_matrix.journal import Journal
-from studies.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
+from studies.fault_matrix.run import BEGIN, END, Finished, Row, different, problems, reference_of, row_of, rows, run
 
 LONG = settings.get_current_profile_name() == "long"
 #: How faults are detected, where that is more than the matrix itself requires: part, kind, event, latest [s].
@@ -70,7 +70,7 @@ class Runs:
     def run(self, faults: tuple[Injected, ...], folder: Path, name: str) -> Finished:
         """Run as `studies.fault_matrix.run.run`; return the finished run again where nothing fails before its end."""
         made = self._usual.get(faults) or run(faults, folder, name)
-        if faults in map(reference_of, PARTS):
+        if faults in map(reference_of, LOCKSTEP):
             self._usual[faults] = made
         return made
 
@@ -82,7 +82,6 @@ class Runs:
         """Run the command; keep what it prints."""
         with contextlib.redirect_stdout(io.StringIO()) as printed, pytest.MonkeyPatch.context() as patch:
             patch.setattr(command, "run_one", self.run)
-            patch.setattr(sequences, "run", self.run)
             status = main(["faults", *arguments])
         self.printed = printed.getvalue().splitlines()
         return status
@@ -90,9 +89,7 @@ class Runs:
     def row(self, part: str, kind: str) -> Row:
         """Return a row of the matrix, the commanded part's from the journal of the command."""
         if part == COMMANDED:
-            row = Journal(self.folder / part).rows[part, kind]
-            assert isinstance(row, Row)
-            return row
+            return Journal(self.folder / part).rows[part, kind]
         fault = Injected(part, kind, BEGIN, END)
         return row_of(fault, self.run((fault,), self.folder, f"{part}-{kind}"), self.reference(part))
 
@@ -107,7 +104,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
 
 
 #: A twelfth of the others, beside those of the command. `python -m studies faults` acts them all.
-OTHERS = sorted({one for one in rows() if one[0] in LOCKSTEP} - {(part, kind) for part, kind, *_ in ROWS})
+OTHERS = sorted({*rows()} - {(part, kind) for part, kind, *_ in ROWS})
 SOME = OTHERS if LONG else [one for one in OTHERS if one[0] != COMMANDED][::12]
 
 
@@ -142,23 +139,34 @@ def test_the_command_runs_a_part_of_the_matrix(
     assert main(["faults", "--out", str(tmp_path)]) == 2
 
 
-def test_a_random_sequence_ends_in_documented_states(runs: Runs, tmp_path: Path) -> None:
-    """One of eight faults; all but two are long enough to be felt."""
-    given = ["--sequences", "1", "--seed", "7", "--out", str(tmp_path / "out")]
-    assert runs.command(*given, "--faults", "8") == 0
-    ((felt, failed),) = re.findall(r"^1 .* 8 .* 7, (\d+) felt: (\w+) failed", "\n".join(runs.printed), re.MULTILINE)
-    assert (int(felt) >= 6, failed) == (True, "none")
-    assert not list((tmp_path / "out").glob("sequence-*"))  # those that pass leave nothing
-    assert main(["faults", *given, "--faults", "4"]) == 2
+def drawn(seed: int, count: int) -> tuple[Injected, ...]:
+    """Return faults of random part, kind, begin and duration; parts may fail together, each by one fault at a time."""
+    random, found = np.random.default_rng(seed), list[Injected]()
+    while len(found) < count:
+        part, kind = str(random.choice(LOCKSTEP)), str(random.choice(KINDS))
+        length = math.exp(random.uniform(math.log(0.02), math.log(4.0)))
+        begin = random.uniform(2.0, 8.0 - length)
+        fault = Injected(part, kind, round(begin, 3), round(begin + length, 3))
+        if not overlapping([*found, fault]):
+            found.append(fault)
+    return tuple(sorted(found, key=lambda fault: fault.begin))
 
 
-def test_a_sequence_is_drawn_again_from_its_seed() -> None:
-    for number in range(30):
-        faults = drawn(1, number, 5)
-        assert faults == drawn(1, number, 5) != drawn(2, number, 5)
-        assert len(faults) == 5
-        assert overlapping(faults) is None
-        assert all(EARLIEST <= fault.begin < fault.end <= LATEST and fault.part in LOCKSTEP for fault in faults)
+@pytest.mark.parametrize("seed", range(1, 21 if LONG else 2))
+def test_a_random_sequence_ends_in_documented_states(seed: int, runs: Runs, tmp_path: Path) -> None:
+    usual = runs.reference("support_laser")
+    faults = drawn(seed, 8)
+    finished = run(faults, tmp_path, "sequence")
+    assert sum(different(fault, finished, usual) for fault in faults) >= 4  # others are too short to be felt
+    assert check(tmp_path / "sequence").findings == []
+    assert (finished.error, finished.whole) == ("", True)
+    assert set(finished.answered) == {usual.answered[0]}
+    modes, latched = finished.states[:, 2], finished.states[:, 3] != 0
+    assert np.isin(modes, [mode for mode in Mode if mode is not Mode.UNCONFIGURED]).all()
+    assert np.array_equal(modes == Mode.FAULT, latched)  # a fault has a name, and no motor goes on with one
+    assert modes[-1] != Mode.FAULT  # a person has armed it after the last fault
+    assert finished.commands[-1, 1] == pytest.approx(usual.commands[-1, 1], rel=0.1)
+    assert finished.ceiling[-1] == pytest.approx(usual.commands[-1, 1], rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +210,7 @@ def test_a_fault_that_cannot_be_is_one_line(faults: list[dict[str, object]], rea
 
 
 def test_the_text_of_a_fault_is_read_back() -> None:
-    for part, kind in rows():
+    for part, kind in product(PARTS, KINDS):
         fault = Injected(part, kind, 1.5, 2.25)
         again = parsed([str(fault)], PARTS, "a test")
         assert str(again[0]) == str(fault)
@@ -305,28 +313,6 @@ def test_the_bench_spoils_the_recorders_disk_and_kills_it_from_outside(tmp_path:
     # and the recorder itself has no such parameter
     parameters = yaml.safe_load((tmp_path / "out" / "parameters.yaml").read_text(encoding="utf-8"))
     assert not [name for name in parameters["/**/recorder_node"]["ros__parameters"] if "fault" in name]
-
-
-def link_run(gap: float, bag: Path) -> Paced:
-    """Return a run whose board heard nothing for `gap` from 1.5 s on; its motor ran until 2 s, or without it 2.5 s."""
-    off = 100 if gap > 0.5 else 125
-    looks = [Sample(0.02 * k, 100 * k, int(k < off), 0.3, 0.01) for k in range(400)]
-    for sample in looks:
-        sample.silent = min(gap, sample.time - 1.5) if sample.time > 1.5 else 0.01
-    return Paced(bag, [Seen(0.0, 0, "started", "x")], looks, [(8.0, 0.3)])
-
-
-def test_rows_in_real_time_are_judged() -> None:
-    recorded = Path(__file__).parents[1] / "bags" / "thesis_4_3_short"
-    fault = Injected("serial_link", "off", paced.BEGIN, paced.END)
-    usual = link_run(0.02, recorded)
-    row = paced.row_of(fault, link_run(1.0, recorded), usual)
-    assert row.felt
-    assert row.motor_off == pytest.approx(0.5, abs=0.03)
-    (problem,) = paced.problems(row)
-    assert {"serial_link", "off:", "8", "bag"} <= set(problem.split())  # of the run of another length
-    unfelt = paced.problems(paced.row_of(fault, usual, usual))
-    assert any({"serial_link", "not", "felt"} <= set(problem.split()) for problem in unfelt)
 
 
 def unused(*_: object) -> Finished:

@@ -92,7 +92,7 @@ _COLUMNS = ("kind", "what is done", "event, after", "ended", "apart", "back", "b
 
 
 def _kept(part: str) -> str:
-    return files("studies.fault_matrix").joinpath(f"data/{part}.md").read_text(encoding="utf-8")
+    return files("studies.fault_matrix").joinpath(f"data/{part}.txt").read_text(encoding="utf-8")
 
 
 def _table(rows: Sequence[Row], same: bool, undetected: Mapping[str, str]) -> list[str]:

@@ -7,13 +7,12 @@ node its own process, reliable blocks to a listener that checks every index, and
 """
 
 import argparse
-import json
 import os
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +154,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=real(0.0, 1e6, "s", above=True), default=60.0, help="how long to stream (default: 60)"
     )
     parser.add_argument("--bag", type=file_path, help="also record to this new folder, with atpid_control's recorder")
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -163,12 +161,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bag is not None and os.path.lexists(arguments.bag):
         raise StandinError(f"--bag: given {arguments.bag}, which exists already; give a new folder")
     result = measure(arguments.seconds, arguments.bag)
-    if arguments.json:
-        tallies = {topic: asdict(tally) | {"lost": tally.lost} for topic, tally in result.tallies.items()}
-        figures = {"seconds": result.seconds, "lost": result.lost, "cores": result.cores, "recorded": result.recorded}
-        print(json.dumps(figures | {"topics": tallies}))
-    else:
-        print(table(result))
+    print(table(result))
     return LOST if result.lost else 0
 
 

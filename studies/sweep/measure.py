@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
+"""Many simulations of the thesis's range at once, and how fast they go."""
 
 import time
 from typing import NamedTuple
@@ -21,29 +21,13 @@ from atpid_sim.system import Array
 _CHUNK = 16
 
 
-class _Chunk(NamedTuple):
-    """What is known of some heights (n,), as in `Sweep`, and what they took, compiled [s]."""
-
-    amplitudes: Array
-    residuals: Array
-    impacts: Array
-    wall_s: float
-
-
 class Sweep(NamedTuple):
-    """Results over heights (n,) [m], and what they took."""
+    """Results over heights (n,), and what they took."""
 
-    heights: Array
     amplitudes: Array  # half peak-to-peak of the beam in the steady window (n,) [m]
-    residuals: Array  # of the energy ledgers, relative (n,)
     impacts: Array  # on floor and ceiling (n,)
     integration_s: Array  # of each, compiled: the mean of its chunk (n,) [s]
     wall_s: float
-
-    @property
-    def residual(self) -> float:
-        """The worst ledger."""
-        return float(np.abs(self.residuals).max())
 
 
 def sweep(
@@ -76,18 +60,12 @@ def sweep(
 
     done = batch.run(workers, report)
     wall = time.perf_counter() - begin
-    return Sweep(
-        heights,
-        np.concatenate([one.amplitudes for one in done]),
-        np.concatenate([one.residuals for one in done]),
-        np.concatenate([one.impacts for one in done]),
-        np.concatenate([np.full(len(one.amplitudes), one.wall_s / len(one.amplitudes)) for one in done]),
-        wall,
-    )
+    amplitudes, impacts, times = (np.concatenate(column) for column in zip(*done, strict=True))
+    return Sweep(amplitudes, impacts, times, wall)
 
 
-def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> _Chunk:
-    """Return the runs of a scene at heights (n,) [m], to which its ceiling's last ramp leads; raises as `sweep`."""
+def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> tuple[Array, Array, Array]:
+    """Return amplitudes, impacts and times, as in `Sweep`, of a scene at heights (n,) [m]; raises as `sweep`."""
     widest, tables, common = tables_at(scene, heights)
     integration = Integration(widest, fidelity, rtol, table=tables[0])
     begun, first = time.perf_counter(), integration.initial_state()
@@ -97,10 +75,8 @@ def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) 
     for state, outcome in zip(ends, outcomes.tolist(), strict=True):
         if outcome != Outcome.DONE:
             raise NumericalFailure(failure_at(Outcome(outcome), state))
-    amplitudes = np.array([state.amplitude for state in ends])
-    ledgers = [integration.ledger(first, state, table) for state, table in zip(ends, tables, strict=True)]
     impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
-    return _Chunk(amplitudes, np.array([one.residual for one in ledgers]), impacts.astype(float), wall)
+    return np.array([state.amplitude for state in ends]), impacts.astype(float), np.full(len(ends), wall / len(ends))
 
 
 def standard_task(amplitude: float, fraction: float, height: float) -> Scene:

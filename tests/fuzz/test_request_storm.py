@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A storm of random requests: whatever is asked, and stamped how, targets and heights keep their limits and speed.
 
-Some thousands here; a million with `make fuzz`. A million to the firmware: `atpid_driver/test/test_firmware_safety.py`;
-to the firmware on the emulated board: `tests/firmware_frames.py`.
+Some thousands here; a million with `make fuzz`. To the firmware on the emulated board: docs/decisions/0066.
 """
 
 import math

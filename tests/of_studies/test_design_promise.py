@@ -40,7 +40,6 @@ from atpid_sim.robust import corners
 from atpid_sim.scene import Scene, scene_from_mapping, standard_bench
 from atpid_sim.simulation.simulate import simulate
 from atpid_sim.system import reduced_mass
-from studies import designs
 from studies.baselines import run_baseline
 from studies.theory.tuned_mass import exact_undamped
 from studies.theory.two_impacts import masri_gap
@@ -221,14 +220,3 @@ def test_masri_s_gap_is_the_best_without_gravity(fraction: float) -> None:
     assert gap.peak == pytest.approx(best.amplitude / 0.015, rel=0.05)
     if fraction == 0.3:  # where no motion is stable there is no gap
         assert masri_gap(damper.system, damper.frequency, 0.4) is None
-
-
-@pytest.mark.parametrize("modal", [False, True])
-def test_reductions_agree_with_an_integration_of_their_own(modal: bool) -> None:
-    found = designs.compare(2, 7, modal)
-    assert found.regular >= 1
-    assert np.median(found.difference) < 1e-3
-    # of random structures some are close to where their motion changes: docs/research/design_check.md has how many
-    assert np.count_nonzero(found.difference > 0.01) <= 1
-    assert found.difference.max() < 0.03
-    assert found.bare < 1e-3

@@ -1,15 +1,12 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a trade-off, the measured free decays, and kernels that are compiled ahead."""
+"""The points of a trade-off, and kernels that are compiled ahead."""
 
 import itertools
 from pathlib import Path
 
-import pytest
-
 from atpid_control.identification import linear
 from atpid_sim.scene import standard_bench
-from studies.figures import free_decay
 from studies.tradeoff.measure import measure, reference_of, with_front
 
 
@@ -25,16 +22,6 @@ def test_a_tradeoff_has_what_nothing_beats_and_levels_that_converge() -> None:
     assert error["soft", 1e-8] < 1e-7
     assert error["finite", 1e-6] < 1e-3  # the damper is open for half a second: what was closed counts
     assert any(point.front for point in with_front(points))
-
-
-@pytest.mark.parametrize("case", free_decay.MEASURED, ids=lambda case: f"{case.mass_fraction}-{case.height}")
-def test_decrements_are_those_measured_on_the_stand(case: free_decay.Measurement) -> None:
-    """The only real measurements there are: the free decays of thesis section 2.3.1."""
-    largest = free_decay.decrements(free_decay.free_decay(case.mass_fraction, case.height)).max()
-    if case.within is None:
-        assert largest > case.decrement
-    else:
-        assert largest == pytest.approx(case.decrement, rel=case.within)
 
 
 def test_the_cache_of_compiled_functions_covers_all_their_sources() -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restitution of a Hertz contact with damping c x' x^a for a = 0 and a = 1/2, by one Chebyshev series each.
 
-With the dimensionless damping g of `rebound_fit` and p = 2.5 / (1 + a) the restitution is written
+With the dimensionless damping g (docs/contact.md) and p = 2.5 / (1 + a) the restitution is written
 
     e = (1 + g r)^-p,   r = sum of c_n T_n(s),   s = (u - 1) / (u + 1),   u = g^(1 / (3 - 2 a)),
 
@@ -12,9 +12,9 @@ so that every g from 0 to infinity lies in -1 <= s <= 1, and r goes from one kno
   undamped path (Schwager and Poeschel, Phys. Rev. E 78 (2008) 051304, for a = 1/2). Release at the overlap
   x = g^(1 / (1.5 - a)), whose root is u, makes r a power series in u.
 - strong damping, s = 1: damping alone stops the grain at x^(1 + a) = (1 + a) / g, the force vanishes at the velocity
-  x^(1.5 - a) / g: r = (1 + a)^((a - 1.5) / 2.5). `rebound_fit` gives the next order.
+  x^(1.5 - a) / g: r = (1 + a)^((a - 1.5) / 2.5).
 
-`rebound_fit` makes the coefficients; e is within 1e-8 of the integral, everywhere.
+e is within 1e-8 of the integral, everywhere; how the coefficients were made: docs/decisions/0066.
 """
 
 import numpy as np

@@ -9,7 +9,6 @@ is the container, and the stop a grain too heavy to move, with the law `linear`.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -44,13 +43,6 @@ class FixedStop(Integration):
         flight = self.sections.flight.copy()
         flight[columns.GRAIN] = place
         self.sections = Sections(self.sections.places[:-2], flight)
-
-
-class Checked(NamedTuple):
-    """A motion of the branch by scipy's integration of the equations."""
-
-    apart: float  # distance of its state a period later, relative
-    largest: float  # modulus of the multipliers
 
 
 def modes() -> tuple[Array, Array]:
@@ -116,8 +108,8 @@ def linear(integration: Integration, frequency: float) -> PeriodicMotion:
     return motion
 
 
-def checked(motion: PeriodicMotion) -> Checked:
-    """Return what scipy makes of a motion: its states a period later, of slightly different ones as well."""
+def checked(motion: PeriodicMotion) -> tuple[float, float]:
+    """Return by scipy how far a motion's state is off a period later, relative, and its largest multiplier."""
     omega, ratio = 2.0 * math.pi * motion.conditions.frequency, modes()[1]
     to_masses = np.vstack((np.ones(2), ratio))
 
@@ -135,4 +127,4 @@ def checked(motion: PeriodicMotion) -> Checked:
     start = np.concatenate((to_masses @ motion.section[::2], to_masses @ motion.section[1::2]))
     slope = np.array([(passed(start + dz) - passed(start - dz)) / 2e-5 for dz in 1e-5 * np.eye(4)]).T
     apart = float(np.abs(passed(start) - start).max() / np.abs(start).max())
-    return Checked(apart, float(np.abs(np.linalg.eigvals(slope)).max()))
+    return apart, float(np.abs(np.linalg.eigvals(slope)).max())
