@@ -18,7 +18,7 @@ from atpid_lab.beam.masses import from_added_mass, from_known_mass
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 RATE, LASER = 1000.0, 20e-6
 CLOSED = load_scene(ROOT / "scenes" / "closed_damper.yaml")
 MOVING = CLOSED.total_mass
