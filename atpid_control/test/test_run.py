@@ -5,6 +5,7 @@
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.cli import main
+from atpid_control.runs import formats
 from atpid_control.runs.check import check
 from atpid_control.runs.decode import Converter
 from atpid_control.runs.errors import BagError
@@ -144,6 +146,27 @@ def test_a_part_takes_its_samples_only_and_keeps_their_times() -> None:
     np.testing.assert_array_equal(part.values, whole.values[first : first + len(part.values)])
     with pytest.raises(BagError, match=r"--from .*--to; .* 0 to 8 s"):
         open_run(BAG, begin=9.0).signal(BEAM)
+
+
+# files of other programs
+
+
+@pytest.mark.parametrize(
+    ("points", "line"),
+    [
+        ([], r"run\.csv: .* package atpid_lab, which is not installed: .*`make setup`"),
+        ([EntryPoint("vendor", "no_such_module:FORMAT", formats.GROUP)], r"vendor \(no_such_module.* No module"),
+        ([EntryPoint("vendor", "json:dumps", formats.GROUP)], r"vendor \(json:dumps\): lacks name, suffixes"),
+        ([EntryPoint("vendor", "atpid_control.runs.formats:Format", formats.GROUP)], "its name is"),
+    ],
+)
+def test_a_format_that_is_not_installed_or_cannot_be_used_is_named(
+    points: list[EntryPoint], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(formats, "entry_points", lambda group: points)
+    with pytest.raises(BagError, match=line):
+        open_run(tmp_path / "run.csv")
+    assert open_run(BAG).signal(BEAM).rate == RATE  # of a bag none is asked for
 
 
 # the support's motion as a series

@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from atpid_sim.engine import columns
 from atpid_sim.engine.sections import Sections
 from atpid_sim.modal import phasors
-from atpid_sim.periodic import Branch, Conditions, PeriodicMotion, ReturnMap, follow_branch, solve
+from atpid_dynamics.continuation import Branch, follow_branch
+from atpid_sim.periodic import Conditions, PeriodicMotion, ReturnMap, solve
 from atpid_sim.periodic.cliff import changed
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulation.integration import Integration

@@ -21,7 +21,7 @@ from atpid_sim.system import Array
 
 G, MASS, RADIUS, MODULUS = 9.81, 0.02, 0.0085, 1.2e9
 STIFFNESS = 4.0 / 3.0 * MODULUS * math.sqrt(RADIUS)
-SCENES = Path(__file__).parents[2] / "scenes"
+SCENES = Path(__file__).parents[3] / "scenes"
 COMMAND, SPHERE = ("calibrate", "contact"), ("--mass", MASS, "--radius", RADIUS)
 
 

@@ -24,7 +24,7 @@ from atpid_sim.plant.stream import laser_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.system import Array, System, reduced_mass
 
-BAGS = Path(__file__).parents[2] / "bags"
+BAGS = Path(__file__).parents[3] / "bags"
 #: Standard deviations of what is stated: height [m], logarithm of the grain's mass.
 HEIGHT, MASS = 1e-4, 0.005
 #: The effective modulus and the restitution of the recorded bags (docs/contact.md).

@@ -130,7 +130,7 @@ def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: Capt
     blocks = yaml.safe_load(shown)
     assert blocks["beam"] == pytest.approx({"mass": 0.3243, "frequency": 5.783, "damping_ratio": 0.024}, rel=1e-3)
     assert [one["drive_factor"] for one in blocks["further_modes"]] == pytest.approx([-0.1768, 0.0427], rel=2e-3)
-    page = (Path(__file__).parents[2] / "docs/modes.md").read_text()
+    page = (Path(__file__).parents[3] / "docs/modes.md").read_text()
     documented = page.partition("```yaml\n")[2].partition("```")[0]
     numbers = [re.findall(r"-?[0-9]+(?:\.[0-9]+)?", text) for text in (documented, shown)]
     assert {"-0.02", "359.08"} <= set(numbers[1])  # of the base's motion left out; Hz of the next mode
