@@ -229,7 +229,7 @@ def leftovers(threads_before: set[threading.Thread], children_before: dict[int, 
 
 
 def install(folder: Path, monkeypatch: pytest.MonkeyPatch, entries: str, **modules: str) -> None:
-    """Let Python find a distribution in a folder: its entry points, as in entry_points.txt, and modules by their text."""
+    """Let Python find a distribution: its entry points, as in entry_points.txt, and modules by their text."""
     for name, text in modules.items():
         (folder / f"{name}.py").write_text(text)
     info = folder / "of_a_test-1.0.dist-info"
