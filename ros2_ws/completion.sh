@@ -9,7 +9,7 @@ _atpid_load() {
     [ -z "${_ATPID_COMPLETION_READ:-}" ] || return 0
     local root=$_ATPID_COMPLETION_ROOT
     local made=$root/.venv/share/atpid/completion.$1
-    if [ ! -s "$made" ] || [ -n "$(find "$root"/atpid_*/ -name '*.py' -newer "$made" -print -quit)" ] ||
+    if [ ! -s "$made" ] || [ -n "$(find "$root"/atpid_*/ "$root"/extensions/ -name '*.py' -newer "$made" -print -quit)" ] ||
         [ -n "$(find "$root"/.venv/lib/python3.*/site-packages -maxdepth 0 -newer "$made")" ]; then
         atpid completion "$1" --out "$made" < /dev/null > /dev/null 2>&1 || return 1
     fi

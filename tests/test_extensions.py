@@ -4,13 +4,13 @@
 
 import json
 import re
-from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 from atpid_common.cli import GROUP
+from atpid_common.testing import install
 from atpid_control import cli
 from atpid_control.stand import added
 from atpid_control.stand.added import EXCITER, AddedPart, added_part, is_installed, table_of
@@ -20,15 +20,6 @@ from atpid_control.stand.errors import BenchError
 def brought(root: Path, name: str = "extensions") -> dict[str, str]:
     read: dict[str, str] = json.loads((root / f"atpid_control/atpid_control/data/{name}.json").read_text())
     return read
-
-
-@pytest.fixture
-def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No package adds a node."""
-    monkeypatch.setattr(added, "entry_points", lambda **_: ())
-    added_part.cache_clear()
-    yield
-    added_part.cache_clear()
 
 
 def test_the_core_has_the_package_of_every_command_of_an_extension(root: Path) -> None:
@@ -56,20 +47,18 @@ def test_the_core_has_the_package_of_every_node_of_an_extension(root: Path) -> N
     assert {row.name for row in table_of(EXCITER)} >= {"backend", "supervised", "highest_amplitude"}
 
 
-@pytest.mark.usefixtures("nothing_installed")
 def test_a_commanded_excitation_that_no_package_puts_out_is_answered_with_its_package(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    added_part.cache_clear()  # what raises is not kept
+    monkeypatch.setattr(added, "entry_points", lambda **_: ())
     scene = (root / "scenes/stand_realtime.yaml").read_text()
     commanded = "excitation: {commanded: true, amplitude: 0.01, frequency: 5.4}"
     (tmp_path / "scene.yaml").write_text(re.sub(r"^excitation:.*(\n .*)*", commanded, scene, flags=re.MULTILINE))
     (tmp_path / "excitation.yaml").write_text("/**/excitation_node: {ros__parameters: {backend: simulated}}")
-    out = str(tmp_path / "out")
-    for words in (
-        ["bench", str(tmp_path / "scene.yaml"), "--out", out],
-        ["bench", str(tmp_path / "scene.yaml"), "--out", out, "--emulated-stand"],
-        ["stand", str(root / "scenes/stand_realtime.yaml"), "--excitation-config", str(tmp_path / "excitation.yaml")],
-    ):
+    bench = ["bench", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "out")]
+    stand = ["stand", bench[1], "--excitation-config", str(tmp_path / "excitation.yaml")]
+    for words in (bench, [*bench, "--emulated-stand"], stand):
         assert cli.main(words) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert f"{EXCITER} comes with the package {brought(root, 'nodes')[EXCITER]}" in line
@@ -78,19 +67,14 @@ def test_a_commanded_excitation_that_no_package_puts_out_is_answered_with_its_pa
 
 
 def test_what_a_package_adds_has_to_be_a_part_and_one_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "of_valves.py").write_text("PART = 1")
-    info = tmp_path / "of_valves-1.dist-info"
-    info.mkdir()
-    for lines, text in (
-        ("valve_node = of_valves:PART", rf"of_valves:PART is a int: .*{AddedPart.__name__}"),
-        ("valve_node = of_valves:none", "of_valves:none cannot be loaded"),
-        (f"{EXCITER} = of_valves:PART", "in several packages"),
+    added_part.cache_clear()
+    for entry, text in (
+        ("valve_node = with_a_number:PART", rf"with_a_number:PART is a int: .*{AddedPart.__name__}"),
+        ("valve_node = with_a_number:none", "with_a_number:none cannot be loaded"),
+        (f"{EXCITER} = with_a_number:PART", "in several packages"),
     ):
-        (info / "entry_points.txt").write_text(f"[{added.GROUP}]\n{lines}\n")
-        added_part.cache_clear()
+        install(tmp_path, monkeypatch, f"[{added.GROUP}]\n{entry}\n", with_a_number="PART = 1")
         with pytest.raises(BenchError, match=text):
-            added_part(lines.partition(" ")[0])
+            added_part(entry.partition(" ")[0])
     with pytest.raises(BenchError, match="no installed package has pump_node"):
         added_part("pump_node")
-    added_part.cache_clear()

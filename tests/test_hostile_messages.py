@@ -198,7 +198,8 @@ def test_no_node_replaces_what_rclpy_keeps(root: Path) -> None:
     private = {name for name in dir(kept) if name.startswith("_")}
     kept.destroy_node()
     context.shutdown()
-    modules = (ast.parse(path.read_text()) for path in root.glob("atpid_*/atpid_*/**/*.py"))
+    places = ("atpid_*/atpid_*/**/*.py", "extensions/*/atpid_*/**/*.py")
+    modules = (ast.parse(path.read_text()) for place in places for path in root.glob(place))
     known = {item.name: item for module in modules for item in ast.walk(module) if isinstance(item, ast.ClassDef)}
 
     def is_node(name: str) -> bool:
@@ -206,6 +207,6 @@ def test_no_node_replaces_what_rclpy_keeps(root: Path) -> None:
         return name in ("Node", "LifecycleNode") or any(map(is_node, bases))
 
     nodes = {name: item for name, item in known.items() if is_node(name)}
-    assert {"PlantNode", "RecorderNode", "ReplayNode", "LabJackNode", "MotorNode"} <= set(nodes)
+    assert {"PlantNode", "RecorderNode", "ReplayNode", "LabJackNode", "MotorNode", "ExcitationNode"} <= set(nodes)
     replaced = {name: own_names(item) & private for name, item in nodes.items()}
     assert {name: found for name, found in replaced.items() if found} == REPLACED

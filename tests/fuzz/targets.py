@@ -61,8 +61,8 @@ class Target:
 
 
 @cache
-def _texts(pattern: str) -> list[bytes]:
-    return [path.read_bytes() for path in sorted(ROOT.glob(pattern))]
+def _texts(*patterns: str) -> list[bytes]:
+    return [path.read_bytes() for pattern in patterns for path in sorted(ROOT.glob(pattern))]
 
 
 @cache
@@ -102,9 +102,9 @@ def _small_metadata() -> bytes:
         return (Path(folder) / "metadata.yaml").read_bytes()
 
 
-def _yaml(pattern: str) -> st.SearchStrategy[bytes]:
-    documents = [yaml.safe_load(text) for text in _texts(pattern)]
-    return changed_bytes(_texts(pattern)) | changed_document(documents).map(as_yaml)
+def _yaml(*patterns: str) -> st.SearchStrategy[bytes]:
+    documents = [yaml.safe_load(text) for text in _texts(*patterns)]
+    return changed_bytes(_texts(*patterns)) | changed_document(documents).map(as_yaml)
 
 
 def _scene(path: Path) -> None:
@@ -262,7 +262,9 @@ TARGETS = {
     "metadata": Target("bag/metadata.yaml", _metadata, lambda: _yaml("bags/thesis_4_3_short/metadata.yaml")),
     "protocol": Target("serial", _protocol, _frames),
     "parameters": Target(
-        "parameters.yaml", lambda path: read_parameters(path, NAMES), lambda: _yaml("atpid_*/config/*.yaml")
+        "parameters.yaml",
+        lambda path: read_parameters(path, NAMES),
+        lambda: _yaml("atpid_*/config/*.yaml", "extensions/*/config/*.yaml"),
     ),
     "launch": Target("arguments.json", _launch, _launch_arguments),
     "journal": Target("map.npz.journal", _journal, lambda: changed_bytes([_JOURNAL])),

@@ -228,6 +228,17 @@ def leftovers(threads_before: set[threading.Thread], children_before: dict[int, 
     return left + [f"process {pid}: {children().get(pid, 'ended late')}" for pid in new]
 
 
+def install(folder: Path, monkeypatch: pytest.MonkeyPatch, entries: str, **modules: str) -> None:
+    """Let Python find a distribution: its entry points, as in entry_points.txt, and modules by their text."""
+    for name, text in modules.items():
+        (folder / f"{name}.py").write_text(text)
+    info = folder / "of_a_test-1.0.dist-info"
+    info.mkdir(exist_ok=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: of_a_test\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(entries)
+    monkeypatch.syspath_prepend(folder)
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_left_running() -> Iterator[None]:
     """A test that leaves a thread or a process behind fails."""

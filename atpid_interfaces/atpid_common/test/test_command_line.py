@@ -12,6 +12,7 @@ import pytest
 
 from atpid_common.cli import GROUP, Command, Commands, guarded, is_among, run_commands, with_installed
 from atpid_common.errors import AtpidError, InputError, NumericalError
+from atpid_common.testing import install
 
 COMMANDS = {
     "Measure": {"measure": ("measuring", "measure something"), "other": ("no_such_module", "do something else")},
@@ -99,15 +100,11 @@ def test_a_library_that_is_missing_is_named_with_what_to_install(
 def test_an_installed_package_adds_commands_and_replaces_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own: Commands = {"Read": {"look": ("own.look", "look at it")}}
     table = {"Read": {"look": ("others.look", "otherwise"), "count": ("others.count", "count it")}, "Draw": {}}
-    (tmp_path / "others.py").write_text(f"COMMANDS = {table!r}\n")
-    (tmp_path / "others-1.dist-info").mkdir()
-    entry = tmp_path / "others-1.dist-info" / "entry_points.txt"
-    entry.write_text(f"[{GROUP}]\nothers = others:COMMANDS\n")
-    monkeypatch.syspath_prepend(tmp_path)
+    install(tmp_path, monkeypatch, f"[{GROUP}]\nothers = others:COMMANDS\n", others=f"COMMANDS = {table!r}\n")
     found = with_installed(own)
     assert found["Read"] == {"look": ("own.look", "look at it"), "count": ("others.count", "count it")}
     assert "Draw" not in found
     assert is_among(found, ["count", "--all"])
-    entry.write_text(f"[{GROUP}]\nothers = missing:COMMANDS\n")
+    install(tmp_path, monkeypatch, f"[{GROUP}]\nothers = missing:COMMANDS\n")
     with pytest.raises(AtpidError, match="the commands of others"):
         with_installed(own)

@@ -29,6 +29,7 @@ from atpid_common.claim import claimed
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError
 from atpid_common.real_time import LOOP_PRIORITY, refusal
+from atpid_common.testing import install
 from atpid_control.cli import main
 from atpid_control.stand.findings import Finding, Subject, Verdict
 from atpid_driver.calibration.model import Calibration, save
@@ -337,16 +338,12 @@ CHECKS = {"valve": ("of_valves:check", "open it"), "clock": ("of_valves:check", 
 def check(at):
     yield judged("the valve is shut", "open it", fails=True)
 """
-    (tmp_path / "of_valves.py").write_text(check)
-    info = tmp_path / "of_valves-1.dist-info"
-    info.mkdir()
-    (info / "entry_points.txt").write_text(f"[{GROUP}]\nof_valves = of_valves:CHECKS\n")
-    monkeypatch.syspath_prepend(tmp_path)
+    install(tmp_path, monkeypatch, f"[{GROUP}]\nof_valves = of_valves:CHECKS\n", of_valves=check)
     names = list(all_checks())
     assert [name for name in names if name != "exciter"] == [*names[: names.index("NI") + 1], "valve", *AFTER_DEVICES]
     assert all_checks()["clock"] == CHECKS["clock"]
     assert stand.problems("valve") == [(WRONG, "the valve is shut")]
-    (info / "entry_points.txt").write_text(f"[{GROUP}]\nof_valves = missing_valves:CHECKS\n")
+    install(tmp_path, monkeypatch, f"[{GROUP}]\nof_valves = missing_valves:CHECKS\n")
     with pytest.raises(AtpidError, match="the checks of of_valves"):
         all_checks()
 

@@ -74,7 +74,8 @@ def workspace(at: Subject) -> Iterator[Finding]:
     folder = _workspace()
     machine = runpy.run_path(str(folder / "machine.py"))  # of set-up, whose keys these are
     built = set(machine["read_stamp"](folder / "install/stamp").split())
-    sources = [path.parent for path in sorted(folder.parent.glob("atpid_*/**/package.xml"))]
+    manifests = (path for place in ("atpid_*", "extensions") for path in folder.parent.glob(f"{place}/**/package.xml"))
+    sources = [path.parent for path in sorted(manifests)]
     stale = [path.name for path in sources if machine["package_key"](path) not in built]
     yield judged(f"sourced; older than its sources: {', '.join(stale) or 'none'}", "make setup", degrades=bool(stale))
     if not Path(__file__).resolve().is_relative_to(folder.parent):
