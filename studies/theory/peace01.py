@@ -13,10 +13,10 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from atpid_dynamics.continuation import Branch, follow_branch
 from atpid_sim.engine import columns
 from atpid_sim.engine.sections import Sections
 from atpid_sim.modal import phasors
-from atpid_dynamics.continuation import Branch, follow_branch
 from atpid_sim.periodic import Conditions, PeriodicMotion, ReturnMap, solve
 from atpid_sim.periodic.cliff import changed
 from atpid_sim.scene import Scene, scene_from_mapping
