@@ -18,6 +18,10 @@ COMMANDS: Commands = {
     "Simulate, choose a height, design": {
         "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
+        "tradeoff": (
+            f"{_SIM}.tradeoff",
+            "which fidelity level and tolerance to take for which error on a scene",
+        ),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
     },
     "Run the nodes": {
