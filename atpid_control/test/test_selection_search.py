@@ -217,7 +217,8 @@ def test_another_method_goes_on_with_the_numbers_and_ends_a_search() -> None:
     assert (before.method, math.isnan(before.height)) == ("pca", True)  # the ceiling stays until it has selected
     assert before.sequence >= searched.sequence
     selected = loop.turns(10)[-1]
-    assert (selected.method, selected.height) == ("pca", pytest.approx(0.3))
+    assert selected.method == "pca"
+    assert selected.height == pytest.approx(0.3)
     assert selected.sequence > before.sequence
 
 

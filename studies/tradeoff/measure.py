@@ -138,7 +138,7 @@ def _answer(points: list[Point], target: float) -> dict[str, Any]:
 
 def _best(points: list[Point]) -> float | None:
     """Return the smallest error that a method meets; None where none gave a result."""
-    return min((kept for p in points if math.isfinite(kept := kept(p, points))), default=None)
+    return min((least for p in points if math.isfinite(least := kept(p, points))), default=None)
 
 
 def _baseline(scene: Scene, method: str, tolerance: float, reference: Reference, converged: TimedRun) -> Point:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from atpid_control.identification import linear
 from atpid_sim.scene import standard_bench
-from studies.tradeoff.measure import measure, reference_of, with_front
+from atpid_sim.tradeoff import reference_of, with_front
+from studies.tradeoff.measure import measure
 
 
 def test_a_tradeoff_has_what_nothing_beats_and_levels_that_converge() -> None:
