@@ -29,8 +29,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
-from atpid_common.nodes.stale_monitor import MISSING
-from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.nodes.supervision import MISSING, NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
