@@ -15,7 +15,7 @@ from studies.sweep.steady import compared
 from atpid_control.cli import main
 from atpid_dynamics.over_heights import HeightSweep, over_heights
 from atpid_sim.periodic import Method, SteadyEnding, steady_state
-from atpid_sim.periodic.newton import extrapolated
+from atpid_sim.periodic.steady import extrapolated
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.integration import Integration, Observation

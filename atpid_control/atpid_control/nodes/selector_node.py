@@ -44,7 +44,7 @@ from atpid_control.nodes.parameter_tables import selector_table
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.checks import Resonance
-from atpid_sim.nodes.scene_parameter import scene_given
+from atpid_sim.nodes.messages import scene_given
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5

@@ -26,10 +26,9 @@ from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCI
 from atpid_sim.engine.state import State
 from atpid_sim.modal import container_mass
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.motion import SteadyEnding, SteadyState
 from atpid_sim.periodic.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions, ReturnMap
-from atpid_sim.periodic.solve import PeriodicMotion, periodic_motion, size_of, solve
+from atpid_sim.periodic.solve import PeriodicMotion, SteadyEnding, SteadyState, periodic_motion, size_of, solve
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import choose

@@ -20,9 +20,8 @@ from atpid_sim.engine.basin_run import FAILED, follow_starts, neighbourhood_size
 from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY, displaced_together
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.motion import SteadyState
 from atpid_sim.periodic.return_map import Conditions, passage
-from atpid_sim.periodic.solve import PeriodicMotion, size_of
+from atpid_sim.periodic.solve import PeriodicMotion, SteadyState, size_of
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 

@@ -18,10 +18,13 @@ from atpid_sim.engine.sections import displaced_together
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.approach import rows_until
-from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import (
+    Method,
     PeriodicMotion,
+    SteadyEnding,
+    SteadySearch,
+    SteadyState,
     arrives,
     least_size,
     multipliers_at,

@@ -31,10 +31,9 @@ from atpid_sim.periodic.approach import still_from
 from atpid_sim.periodic.return_map import Conditions, passage, table_of
 from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import Scene, SceneError
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers
 from atpid_sim.simulation.fidelity import Choice, choose
 from atpid_sim.simulation.integration import Integration
-from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: Heights of a job: large enough that few of them have to be run, small enough that workers end together.

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from atpid_lab.validation.measured import Measured, ValidationError
-from atpid_sim.analysis import aligned, amplitudes_per_period, lag_of, relative_rmse
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import aligned, amplitudes_per_period, lag_of, relative_rmse
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 
