@@ -16,7 +16,7 @@ from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_common.vocabulary import Drive
 from atpid_sim.commands.options import add_accuracy
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import drawn
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at

@@ -10,22 +10,97 @@ need. The last of these steps is the period that verifies the motion. Where this
 is no plain approach, the scene is run on at the fidelity asked for (`periodic.run_on`).
 """
 
+from __future__ import annotations
+
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.approach import Approach, follow, still_from
+from atpid_sim.engine import columns
+from atpid_sim.engine.settling_run import REGULAR, settle
+from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
-from atpid_sim.periodic.run_on import run_on
-from atpid_sim.periodic.solve import SteadyEnding, SteadySearch, SteadyState, arrives, multipliers_at
+from atpid_sim.periodic.run_on import rows_until, run_on
+from atpid_sim.periodic.solve import (
+    SteadyEnding,
+    SteadySearch,
+    SteadyState,
+    arrives,
+    least_size,
+    multipliers_at,
+    size_of,
+)
 from atpid_sim.results import named_impacts
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.excitation import frequency_points
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, rtol_of
 from atpid_sim.system import Array
+
+#: Periods before contraction is looked for; in the last of them the section is chosen.
+_SETTLED = 4
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A transient that contracts: its passages of a section, and how far it still has to go."""
+
+    once: ReturnMap  # of the run that was followed, over one period
+    periods: int
+    passages: Array  # section states (k, n), `periods` apart
+    scale: Array  # size of the motion (n,)
+    time: float
+    remaining: float  # distance still to go at the rate of contraction, relative
+    growth: float  # of the distance between passages on the way, wherever they drew apart again
+
+
+def still_from(scene: Scene) -> float:
+    """Return the time from which on excitation and ceiling are what they are at the end [s]."""
+    last = 0.0
+    for points in (scene.excitation.amplitude_points, frequency_points(scene), scene.ceiling.heights):
+        changes = [k for k in range(1, len(points)) if points[k][1] != points[k - 1][1]]
+        last = max(last, float(points[changes[-1]][0]) if changes else 0.0)
+    return last
+
+
+def follow(scene: Scene, quick: Integration, conditions: Conditions, still: float) -> Approach | None:
+    """Follow the scene until its passages of a section draw together regularly; None where they do not.
+
+    still: when its last kink is [s].
+    """
+    period = 1.0 / conditions.frequency
+    begin = period * (math.ceil(still / period) + _SETTLED - 1)
+    most = int((scene.duration - begin) / period)
+    if most < 1:
+        return None
+    rows = rows_until(scene, begin)
+    state, sections = quick.initial_state().without_ledger(), np.empty((most, len(quick.sections.places)))
+    table = _next_period(rows[-1], period)
+    outcome, ending, passed, amplitude, count, periods, remaining = settle(
+        quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, quick.sizes(conditions.frequency),
+        least_size(quick, conditions), quick.step_limit, sections,
+    )  # fmt: skip
+    if outcome != Outcome.DONE or ending != REGULAR:
+        return None
+    once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
+    passages, time = sections[:count][::-periods][::-1], begin + passed * period
+    scale = size_of(quick, amplitude, conditions)
+    # the distance from passage to passage is a disturbance, too: what it grew by on the way others have grown by
+    moves = np.abs(np.diff(passages / scale, axis=0)).max(axis=1)
+    growth = float(np.prod(np.maximum(moves[1:] / np.maximum(moves[:-1], 1e-300), 1.0)))
+    return Approach(once, periods, passages, scale, time, remaining, growth)
+
+
+def _next_period(row: Array, period: float) -> Array:
+    """Return the row (1, DRIVE_COLUMNS) of the period [s] after one of constant conditions, from time zero on."""
+    following = row[None].copy()
+    following[0, columns.PHASE] += row[columns.OMEGA] * (row[columns.END] - row[columns.START])
+    following[0, columns.START], following[0, columns.END] = 0.0, period
+    return following
+
 
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed,
 #: with contacts from a table, and of several modes, whose contacts are integrated: differences have to be smooth.
@@ -82,7 +157,7 @@ def _solve(
     coarse = approach.once
     if approach.periods > 1:
         coarse = ReturnMap(quick, conditions, approach.once.phase, approach.periods)
-    for start in (_extrapolated(approach.passages, approach.scale), approach.passages[-1]):
+    for start in (extrapolated(approach.passages, approach.scale), approach.passages[-1]):
         try:
             found = _solved_from(start, approach, coarse, fine, known)
         except (NumericalFailure, np.linalg.LinAlgError):
@@ -208,7 +283,7 @@ def _size(step: Array, scale: Array) -> float:
     return float(max(map(abs, (step / scale).tolist())))
 
 
-def _extrapolated(passages: Array, scale: Array) -> Array:
+def extrapolated(passages: Array, scale: Array) -> Array:
     """Return the section state (n,) to which passages (k, n) of a linear map would draw together: Anderson's mixing."""
     recent = passages[-_MIXED:] / scale
     moves = recent[1:] - recent[:-1]

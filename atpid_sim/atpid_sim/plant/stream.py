@@ -271,7 +271,10 @@ class Stream:
         number, first = self._next, self._next * self.ticks_per_block
         ticks = min(self.ticks_per_block, self.ticks - first)
         if not self._scene.ceiling.controlled:
-            target, speed = self._own_ceiling((first + ticks) / self.rate, ticks / self.rate)
+            # the scene itself, and no controller, moves the ceiling
+            times, heights = zip(*self._scene.ceiling.heights, strict=True)
+            target = float(np.interp((first + ticks) / self.rate, times, heights))
+            speed = abs(target - self._plant.height) / (ticks / self.rate)
         elif isfinite(target):
             # a real position sensor may read a closed ceiling a little too low; the grain holds the ceiling up
             target = max(target, 2.0 * self._scene.grain.radius)
@@ -280,12 +283,6 @@ class Stream:
         readings = tuple(self._read(item, number, first, truth) for item in self.instruments)
         laser = readings[0]
         return StreamBlock(number, laser.first_index, len(laser.data), readings, truth, self._strides["laser"])
-
-    def _own_ceiling(self, end: float, duration: float) -> tuple[float, float]:
-        """Target [m] and speed [m/s] where the scene itself, and no controller, moves the ceiling."""
-        times, heights = zip(*self._scene.ceiling.heights, strict=True)
-        target = float(np.interp(end, times, heights))
-        return target, abs(target - self._plant.height) / duration
 
     def _read(self, instrument: Instrument, number: int, first: int, truth: Any) -> DeviceBlock:
         stride = self._strides[instrument.device]

@@ -233,6 +233,12 @@ class Integration:
             )
         )  # fmt: skip
 
+    def advance_whole(self, state: State, table: Array, observation: Observation = NO_OBSERVATION) -> None:
+        """Advance a state in place as `advance` does; raise NumericalFailure where it does not reach the end."""
+        outcome = self.advance(state, table, observation)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(outcome.sentence)
+
     def pass_sections(self, sections: Array, table: Array, count: int) -> tuple[Array, str]:
         """Return states of free flight (k, n) mapped through a table, and why the next one of `count` is missing.
 

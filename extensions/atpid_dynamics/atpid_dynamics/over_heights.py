@@ -27,9 +27,9 @@ from atpid_dynamics.heights import HeightTables, tables_at
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.approach import still_from
 from atpid_sim.periodic.return_map import Conditions, passage, table_of
 from atpid_sim.periodic.solve import least_size, size_of
+from atpid_sim.periodic.steady import still_from
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers
 from atpid_sim.simulation.fidelity import Choice, choose
