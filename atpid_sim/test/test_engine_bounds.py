@@ -338,24 +338,6 @@ def test_a_decay_has_one_decrement_and_a_tone_its_amplitude() -> None:
     assert quantities.amplitude_spectrum(tone, RATE)[1].max() == pytest.approx(0.02, rel=0.01)
 
 
-def test_efficiency_and_amplitudes_of_periods() -> None:
-    assert quantities.efficiency(0.05, 0.2) == pytest.approx(0.75)
-    swelling = (1.0 + TIMES) * np.sin(2.0 * np.pi * 5.0 * TIMES)
-    found = quantities.amplitudes_per_period(swelling, RATE / 5.0)
-    assert len(found) == 20
-    assert found == pytest.approx(1.1 + 0.2 * np.arange(20), rel=0.01)
-
-
-def test_lag_and_offset_are_removed_and_the_error_is_that_of_the_amplitude() -> None:
-    simulated = (1.0 + 0.1 * TIMES) * np.sin(2.0 * np.pi * 5.0 * TIMES)
-    measured = 0.04 + 1.1 * np.roll(simulated, 13)
-    assert quantities.lag_of(measured, simulated, 50) == 13
-    one, other = quantities.aligned(measured, simulated, 13)
-    assert np.mean(one) == pytest.approx(np.mean(other))
-    experiment, simulation = (quantities.amplitudes_per_period(series, RATE / 5.0) for series in (one, other))
-    assert quantities.relative_rmse(experiment, simulation) == pytest.approx(1.0 - 1.0 / 1.1, rel=1e-6)
-
-
 ROOT = Path(str(atpid_sim.engine.__file__)).parents[2]
 
 
