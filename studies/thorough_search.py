@@ -11,10 +11,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
-from atpid_sim.maps.best import FAR, Best
+from atpid_sim.maps.build import FAR, Best
 from atpid_sim.maps.height_search import BELOW_RESONANCE, CLIMB, HIGHEST, IRREGULAR, LAST_BELOW, promising
-from atpid_sim.maps.ratings import EXCEEDED, FLAT, REPRODUCIBLE, SURCHARGE, Mapper
+from atpid_sim.maps.ratings import ALL_APPROACHES, EXCEEDED, FLAT, REPRODUCIBLE, SURCHARGE, Approach, Mapper
 from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.simulation.quantities import efficiency
 

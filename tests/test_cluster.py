@@ -20,8 +20,7 @@ from graph_runs import wait_until
 from atpid_common.testing import PATIENCE
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene, standard_bench
-from atpid_sim.simulation.batch import Workers
-from atpid_sim.simulation.cluster import ClusterError
+from atpid_sim.simulation.batch import ClusterError, Workers
 from studies.atlas.build import build_atlas
 from studies.atlas.plan import Plan
 from studies.sweep.measure import standard_task, sweep
@@ -106,7 +105,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(
     listens: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Nothing listens there, or something else that never answers."""
-    monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr("atpid_sim.simulation.batch._CONNECT_TIMEOUT", 1.0)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         if listens:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of README and docs, and the table of the atlas, show what is computed now.
 
-No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.figure_numbers). Those that take seconds
+No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.figure_style). Those that take seconds
 are drawn again and compared; the whole set is made by `make figures`.
 """
 
@@ -15,7 +15,7 @@ import pytest
 
 from atpid_control.cli import main
 from atpid_control.views.report import report
-from atpid_sim.figure_numbers import KEY, Numbers, numbers_of
+from atpid_sim.figure_style import KEY, Numbers, numbers_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import standard_bench
 from studies.atlas.column import column_of

@@ -11,7 +11,7 @@ from atpid_common.cli import Commands, is_among, run_commands, with_installed
 from atpid_common.errors import BAD_INPUT
 
 _SIM, _CONTROL, _DRIVER, _ROS = (
-    "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes"
+    "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes.ros_commands"
 )  # fmt: skip
 
 COMMANDS: Commands = {
@@ -46,9 +46,9 @@ COMMANDS: Commands = {
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),
         "standin": (f"{_DRIVER}.standins.command", "build the stand-in libraries, or inject a fault into one"),
-        "ros echo": (f"{_ROS}.echo", "print messages, as `ros2 topic echo` does"),
-        "ros lifecycle": (f"{_ROS}.lifecycle", "change a node's state, as `ros2 lifecycle set` does"),
-        "ros param": (f"{_ROS}.param", "read and set parameters, as `ros2 param` does"),
+        "ros echo": (f"{_ROS}:ECHO", "print messages, as `ros2 topic echo` does"),
+        "ros lifecycle": (f"{_ROS}:LIFECYCLE", "change a node's state, as `ros2 lifecycle set` does"),
+        "ros param": (f"{_ROS}:PARAM", "read and set parameters, as `ros2 param` does"),
     },
     "For this machine": {
         "policy": ("atpid_control.stand.nodes.policy", "make the SROS 2 policy of a stand from its nodes"),

@@ -14,9 +14,9 @@ from sim_program import main
 from sim_refusals import command_refused
 
 from atpid_sim.periodic.basin import Starts, basin, sampled
-from atpid_sim.periodic.motion import SteadyState
 from atpid_sim.periodic.neighbourhood import Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions
+from atpid_sim.periodic.solve import SteadyState
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import Integration

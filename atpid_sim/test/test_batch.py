@@ -15,8 +15,7 @@ from sim_program import PROGRAM
 from sim_refusals import has_parts, refused
 
 from atpid_common.testing import PATIENCE
-from atpid_sim.simulation.batch import Batch, Workers, cores, on_all_cores
-from atpid_sim.simulation.journal import JournalError, Record
+from atpid_sim.simulation.batch import Batch, JournalError, Record, Workers, cores, on_all_cores
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
 #: Starts a program that Ctrl-C ends: a shell's background job, which these tests may be, ignores it.

@@ -32,14 +32,13 @@ from atpid_sim.maps import (
     build_map,
     header_text,
 )
-from atpid_sim.maps.approaches import at_once, later
 from atpid_sim.maps.curves import monotone
-from atpid_sim.maps.ratings import FLAT
+from atpid_sim.maps.ratings import FLAT, at_once, later
 from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene, standard_bench
+from atpid_sim.simulation.batch import JournalError
 from atpid_sim.simulation.integration import amplitude_without_damper
-from atpid_sim.simulation.journal import JournalError
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"

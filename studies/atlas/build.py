@@ -8,8 +8,7 @@ from pathlib import Path
 from atpid_sim.maps import map_tolerance
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
-from atpid_sim.simulation.journal import Record, beside
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers, beside
 from studies.atlas.atlas import Atlas
 from studies.atlas.column import Column, column_at
 from studies.atlas.plan import Place, Plan

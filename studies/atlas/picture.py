@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import SIZE, WIDTH
+from atpid_sim.figure_style import SIZE, WIDTH, drawn
 from atpid_sim.system import Array
 from studies.atlas.atlas import Atlas
 from studies.atlas.column import FAILED, TYPES

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn, legend_below
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn, legend_below
 from atpid_sim.maps import DamperResponse, map_tolerance
 from atpid_sim.periodic import Conditions, PeriodicMotion, periodic_motion, raised
 from atpid_sim.scene import Scene

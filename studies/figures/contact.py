@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 
 from atpid_common import output
 from atpid_sim.contact import dispatch
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.system import Array, reduced_mass

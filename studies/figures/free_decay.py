@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_common import output
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array

@@ -12,8 +12,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_control.identification import Quality
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import drawn, legend_below
-from atpid_sim.figure_style import LIGHT, WIDTH
+from atpid_sim.figure_style import LIGHT, WIDTH, drawn, legend_below
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at

@@ -14,8 +14,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_control.identification import Estimate, Quality
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import metadata_of
-from atpid_sim.figure_style import LIGHT, style
+from atpid_sim.figure_style import LIGHT, metadata_of, style
 from atpid_sim.system import Array
 from studies.identification import measure as data
 

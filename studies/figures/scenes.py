@@ -11,9 +11,8 @@ from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.drives import Random, Shock, Tone
 from atpid_sim.scene.excitation import CommandedExcitation, Excitation, FreeDecay, HarmonicExcitation, Series, Sweep
-from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.model import ContactBlock
-from atpid_sim.scene.sensors import Recording, Sensor, Sensors
+from atpid_sim.scene.sensors import Fault, Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
 
 #: What stands in the blocks of excitations of one key.

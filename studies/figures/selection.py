@@ -17,8 +17,7 @@ from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.protocol import Excitation
 from atpid_control.selection.uncertain import MarginBox
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import LIGHT, WIDTH
+from atpid_sim.figure_style import LIGHT, WIDTH, drawn
 from atpid_sim.maps import DamperResponse, HeightMap, Timing
 from atpid_sim.scene import standard_bench
 from atpid_sim.simulation.batch import on_all_cores

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_common import output
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn
 from atpid_sim.simulation.batch import Workers, cores
 from studies.sweep.measure import Sweep, standard_task, sweep
 

@@ -13,7 +13,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, path_to
 from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
-from atpid_sim.simulation.journal import beside
+from atpid_sim.simulation.batch import beside
 from studies import pages
 from studies.methods import page
 from studies.methods.picture import draw

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn
 from studies.methods.run import DETUNING, PASSIVE, SELECTED, Compared
 
 #: Title of the panel whose numbers depend on the machine.

@@ -19,8 +19,7 @@ from atpid_control.selection.search import SearchSelector
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import with_beam
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
-from atpid_sim.simulation.journal import Record
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.system import Array
 from studies.methods.passive import RTOL, Fixed, Tuned, fixed_heights, remaining, tuned_masses

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_dynamics.heights import tables_at
+from atpid_dynamics.heights import ends_alike, tables_at
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
@@ -69,7 +69,7 @@ def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) 
     widest, tables, common = tables_at(scene, heights)
     integration = Integration(widest, fidelity, rtol, table=tables[0])
     begun, first = time.perf_counter(), integration.initial_state()
-    y, n, outcomes = integration.ends_alike(first, tables, common)
+    y, n, outcomes = ends_alike(integration, first, tables, common)
     wall = time.perf_counter() - begun
     ends = [State(*each) for each in zip(y, n, strict=True)]
     for state, outcome in zip(ends, outcomes.tolist(), strict=True):

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from atpid_sim.figure_numbers import drawn, legend_below
-from atpid_sim.figure_style import WIDTH
+from atpid_sim.figure_style import WIDTH, drawn, legend_below
 from studies.thesis.measured import Measured
 from studies.thesis.points import Job, matches
 from studies.thesis.study import Expected, Panel, Study

@@ -17,8 +17,7 @@ import numpy as np
 from atpid_common import output
 from atpid_common.folders import content_key
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
-from atpid_sim.simulation.journal import Record, beside
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers, beside
 from studies.thesis.measured import Measured
 from studies.thesis.measures import MEASURES
 from studies.thesis.picture import draw

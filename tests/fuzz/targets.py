@@ -43,7 +43,7 @@ from atpid_sim.maps import HeightMap
 from atpid_sim.scene import SeriesExcitation, load_scene
 from atpid_sim.scene.excitation import Series
 from atpid_sim.scene.series import read_series
-from atpid_sim.simulation.journal import Journal
+from atpid_sim.simulation.batch import Journal
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BAG = ROOT / "bags/thesis_4_3_short"

@@ -25,7 +25,7 @@ from atpid_control.selection.uncertain import MarginBox, points, systems_of
 from atpid_control.selection.workers import SelectionThreads
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing, WindowResponse, best_height
-from atpid_sim.maps.approaches import Approach
+from atpid_sim.maps.ratings import Approach
 from atpid_sim.robust import with_beam, with_restitution
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping, standard_bench
 from atpid_sim.simulation.integration import undamped_amplitude

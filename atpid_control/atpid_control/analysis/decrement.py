@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_control.analysis.signals import AnalysisError, runs
-from atpid_sim.analysis import decrements
+from atpid_sim.simulation.quantities import decrements
 from atpid_sim.system import Array
 
 #: The support is at rest within this share of the beam's reach [-].

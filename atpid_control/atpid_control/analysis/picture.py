@@ -10,8 +10,7 @@ import numpy as np
 from atpid_control.analysis.analyse import Analysis
 from atpid_control.analysis.frequency_response import FrequencyResponse
 from atpid_control.analysis.rows import shown_unit
-from atpid_sim.figure_numbers import Panels, logarithmic
-from atpid_sim.figure_style import LIGHT
+from atpid_sim.figure_style import LIGHT, Panels, logarithmic
 
 #: Points a trace is drawn with at most, and decades of a density shown below its largest.
 _POINTS, _DECADES = 20_000, 1e-10

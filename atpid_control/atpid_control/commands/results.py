@@ -17,7 +17,7 @@ from rich.table import Table
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.views.static_page import document, drawn, facts, table, warnings
-from atpid_sim.figure_numbers import Panels, save_panels
+from atpid_sim.figure_style import Panels, save_panels
 
 _WIDTH = 110
 

@@ -9,8 +9,8 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
 from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.handshake import Question
 from atpid_common.nodes.messages import STATES, STATUS
-from atpid_common.nodes.question import Question
 from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 from atpid_sim.scene import load_scene
 

@@ -17,7 +17,7 @@ from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
-from atpid_common.nodes.question import Question
+from atpid_common.nodes.handshake import Question
 from atpid_control.supervision.answers import NodeLiveness
 
 #: Between two questions [s].

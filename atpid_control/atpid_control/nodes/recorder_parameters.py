@@ -13,8 +13,8 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
+from atpid_common.nodes.handshake import Question
 from atpid_common.nodes.parameters import Entry
-from atpid_common.nodes.question import Question
 from atpid_control.recording.session import Writing
 from atpid_control.recording.trigger import EDGES, trigger_of
 from atpid_control.runs.topics import DEFAULT, Topic

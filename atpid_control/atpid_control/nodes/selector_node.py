@@ -29,8 +29,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
-from atpid_common.nodes.stale_monitor import MISSING
-from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.nodes.supervision import MISSING, NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
@@ -45,7 +44,7 @@ from atpid_control.nodes.parameter_tables import selector_table
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.checks import Resonance
-from atpid_sim.nodes.scene_parameter import scene_given
+from atpid_sim.nodes.messages import scene_given
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_sim.maps import Approach, DamperResponse
-from atpid_sim.maps.approaches import JUMPS, at_once, opened
+from atpid_sim.maps.ratings import JUMPS, at_once, opened
 from atpid_sim.robust import corners, inside, with_beam, with_restitution
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array

@@ -8,8 +8,7 @@ from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
 from itertools import count
 
-from atpid_common.claim import claimed
-from atpid_common.middleware import HIGHEST_DOMAIN
+from atpid_common.middleware import HIGHEST_DOMAIN, claimed
 from atpid_control.stand.errors import BenchError
 
 #: Domains whose ports lie below Linux's ephemeral range, without 0, the default.

@@ -129,8 +129,7 @@ class Subject:
 
     def running(self) -> list[str]:
         """Return the nodes of the stand that run already in this domain on this machine."""
-        from atpid_common.claim import claimed
-        from atpid_common.middleware import named_domain
+        from atpid_common.middleware import claimed, named_domain
         from atpid_control.stand.parts import REAL_TIME_PARTS, devices_of
 
         found = []

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from atpid_common import claim
+from atpid_common import middleware
 from atpid_common.output import writing
 from atpid_control.stand.errors import BenchError
 
@@ -32,7 +32,7 @@ def of_run(out: Path, source: Path) -> Iterator[None]:
 @contextmanager
 def claimed(out: Path) -> Iterator[None]:
     """Lock the folder against other benches of this machine; raise BenchError where one runs there."""
-    holder = claim.claimed(f"bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
+    holder = middleware.claimed(f"bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
     if holder is None:
         raise BenchError(f"--out: given {out}, where another bench is running; give another folder")
     with holder:

@@ -11,8 +11,7 @@ from importlib.resources import files
 from itertools import chain
 from typing import Any
 
-from atpid_sim.figure_numbers import Panels, legend_below
-from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, Panels, legend_below, style
 
 
 @dataclass(frozen=True)

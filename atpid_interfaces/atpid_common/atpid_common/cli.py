@@ -157,10 +157,6 @@ class Parser(argparse.ArgumentParser):
         self.inner: dict[str, str] = {}  # commands of groups, by their last word
         self._given: list[str] = []
 
-    def show_example(self, example: str) -> None:
-        """End the help with the program and the arguments of `example`; without it where that is empty."""
-        self.epilog = f"example:\n  {self.prog} {example}" if example else None
-
     def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
         """Declare an argument; one that many commands have is written the same way in the help of each."""
         action = super().add_argument(*names, **settings)
@@ -253,7 +249,7 @@ def _parser(program: str, description: str, commands: Commands, given: Sequence[
             if name.split() in given:
                 loaded = load(place)
                 loaded.add_arguments(command)
-                command.show_example(loaded.EXAMPLE)
+                command.epilog = f"example:\n  {command.prog} {loaded.EXAMPLE}" if loaded.EXAMPLE else None
                 command.set_defaults(run=loaded.run)
     return parser
 

@@ -33,10 +33,10 @@ def check(message: Any) -> str:
 def check_as(kind: str, message: Any) -> str:
     """Return why a message of type atpid_interfaces/msg/`kind` cannot be used, in a few words; empty: it can."""
     try:
-        reason = _stamp(message.header.stamp)
-        if reason or getattr(message, "handshake", False):
-            return reason
-        return CHECKS[kind](message)
+        stamp = message.header.stamp
+        if stamp.sec < 0 or stamp.nanosec >= 1_000_000_000:
+            return f"its stamp is {stamp.sec} s {stamp.nanosec} ns, which is no time since 1970"
+        return "" if getattr(message, "handshake", False) else CHECKS[kind](message)
     except (AttributeError, TypeError):  # of a bag with another definition of the type
         return "its definition lacks a field, or has one of another kind"
 
@@ -48,12 +48,6 @@ def time_out_of_range(last_index: int, rate: float) -> str:
     return "" if last_index <= _LARGEST_INDEX else f"its last index is {last_index}; at most 2^62"
 
 
-def _stamp(stamp: Any) -> str:
-    if stamp.sec < 0 or stamp.nanosec >= 1_000_000_000:
-        return f"its stamp is {stamp.sec} s {stamp.nanosec} ns, which is no time since 1970"
-    return ""
-
-
 def _series(message: Any, scans: int) -> str:
     """Return why the scans of a message cannot be placed in time; empty: they can."""
     if reason := time_out_of_range(message.first_index + scans, message.rate):
@@ -61,11 +55,6 @@ def _series(message: Any, scans: int) -> str:
     if not scans:
         return "it has no samples"
     return "" if message.header.stamp.sec + scans / message.rate < _END_OF_TIME else "it ends after 2038"
-
-
-def _too_large(values: Any) -> bool:
-    """Return whether a number is infinite or larger than any quantity; NaN is not."""
-    return bool((np.abs(np.asarray(values, dtype=np.float64)) > _LARGEST).any())
 
 
 def _block(block: Any) -> str:
@@ -76,7 +65,8 @@ def _block(block: Any) -> str:
         return f"{values} values for {channels} channels"
     if len(block.units) not in (0, channels) or len(block.skew) not in (0, channels):
         return f"{len(block.units)} units and {len(block.skew)} delays for {channels} channels"
-    if _too_large(block.data) or not np.isfinite(block.skew).all():
+    too_large = np.abs(np.asarray(block.data, dtype=np.float64)) > _LARGEST  # NaN is not
+    if too_large.any() or not np.isfinite(block.skew).all():
         return f"a value is above {_LARGEST:g}, or a delay is infinite"
     return _series(block, values // channels)
 

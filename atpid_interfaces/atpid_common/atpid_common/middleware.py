@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the environment asks of the middleware: the ROS domain, and discovery on this machine only (docs/security.md).
 
-In that case the middleware is kept on the loopback.
+In that case the middleware is kept on the loopback. And names that one process at a time holds: of nodes, of ROS
+domains, of output folders.
 
 The range of discovery alone limits what is announced and to whom; each middleware then still receives on all addresses.
 
@@ -13,6 +14,7 @@ The range of discovery alone limits what is announced and to whom; each middlewa
 """
 
 import os
+import socket
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
@@ -63,3 +65,17 @@ def named_domain(environment: Mapping[str, str] = os.environ) -> int | None:
     if not text.isdecimal() or int(text) > HIGHEST_DOMAIN:
         raise DomainError(f"ROS_DOMAIN_ID: given {text!r}; allowed: 0 to {HIGHEST_DOMAIN}, or not set")
     return int(text)
+
+
+def claimed(name: str) -> socket.socket | None:
+    """Hold `name` until the socket returned is closed; None where another process holds it.
+
+    It is a Linux abstract socket, which the kernel frees even after SIGKILL, at once and without a file.
+    """
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        holder.bind(f"\0atpid/{name}")
+    except OSError:
+        holder.close()
+        return None
+    return holder

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from atpid_common.claim import claimed
+from atpid_common.middleware import claimed
 
 # The same examples each time, and none too slow: the result must not depend on chance or on the load.
 settings.register_profile("atpid", derandomize=True, deadline=None)

@@ -185,7 +185,7 @@ def parameters() -> Iterator[LiveParameters]:
 @pytest.fixture
 def ask(parameters: LiveParameters, capsys: pytest.CaptureFixture[str]) -> Ask:
     def asked(what: str, *words: str) -> tuple[int, str, str]:
-        commands = {"": {"ros param": ("atpid_common.nodes.param", "param")}}
+        commands = {"": {"ros param": ("atpid_common.nodes.ros_commands:PARAM", "param")}}
         with patch.dict(os.environ):  # which the command confines to this machine
             status = run_commands("atpid", "", commands, ["ros", "param", what, "/tested", *words])
         out, error = capsys.readouterr()

@@ -14,8 +14,7 @@ from rich.console import Console
 
 from atpid_common import output
 from atpid_common.arguments import file_path
-from atpid_sim.figure_numbers import drawn
-from atpid_sim.figure_style import LIGHT, WIDTH
+from atpid_sim.figure_style import LIGHT, WIDTH, drawn
 from atpid_sim.scene import load_scene
 from atpid_sim.tradeoff import LEVELS, REFERENCE, Point, Reference, levels, quickest, reference_of, with_front
 

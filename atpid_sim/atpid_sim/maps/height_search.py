@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.engine.state import State
-from atpid_sim.maps.approaches import Approach
-from atpid_sim.maps.ratings import FLAT, Mapper, Ratings
+from atpid_sim.maps.ratings import FLAT, Approach, Mapper, Ratings
 from atpid_sim.maps.response import REPEATS, DamperResponse, EarlyEnd, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.

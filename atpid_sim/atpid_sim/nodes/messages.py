@@ -1,16 +1,26 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""From the stream's blocks to messages."""
+"""What the parameter `scene` of a node names, and the stream's blocks as messages."""
 
 from __future__ import annotations
 
 import numpy as np
 from atpid_interfaces.msg import PlantTruth, SampleBlock
+from rclpy.node import Node
 
 from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import doubles, nanoseconds_of, time_of
 from atpid_common.vocabulary import Frame
 from atpid_sim.plant.stream import DeviceBlock, StreamBlock, stamp_ns
+from atpid_sim.scene import Scene, SceneError, load_scene
+
+
+def scene_given(node: Node) -> Scene:
+    """Return the scene the node's parameter `scene` names. Raises SceneError."""
+    path = str(node.get_parameter("scene").value)
+    if not path:
+        raise SceneError(f"parameter scene of {node.get_name()} is not set: give a scene file, -p scene:=SCENE.yaml")
+    return load_scene(path)
 
 
 def sample_block(reading: DeviceBlock, start_ns: int, device: str, shift_ns: int = 0) -> SampleBlock:

@@ -31,12 +31,10 @@ from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import is_alone, started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
-from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
-from atpid_sim.nodes.scene_parameter import scene_given
+from atpid_sim.nodes.messages import handshake_truth, sample_block, scene_given, truth_message
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant.plant import Plant
-from atpid_sim.plant.sensor_faults import StampFaults
-from atpid_sim.plant.stream import DeviceBlock, PlantLike, Stream, StreamBlock, stamp_ns
+from atpid_sim.plant.stream import DeviceBlock, PlantLike, StampFaults, Stream, stamp_ns
 from atpid_sim.scene import Scene
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
@@ -84,7 +82,11 @@ class PlantNode(Node):
         self._steady_start = 0.0
         self._worst_lag = self._behind = 0.0
         self._make_topics()
-        self._leaving = Leaving(self, self._outgoing, lambda: expect_recorder and self._recorder.recording)
+        self._leaving = Leaving(
+            self,
+            lambda: [*self._sensors.values(), self._truth, self._events.publisher],
+            lambda: expect_recorder and self._recorder.recording,
+        )
         self.done = self._leaving.done
         self._handshake = Handshake(
             self,
@@ -99,7 +101,7 @@ class PlantNode(Node):
         self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=STEADY)
         self._pace_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
-        values.follow(self._faults, self._set_faults, self._events.publish)
+        values.follow(self._faults, partial(setattr, self.stream, "faults"), self._events.publish)
 
     def _make_topics(self) -> None:
         self._sensors = {
@@ -130,12 +132,6 @@ class PlantNode(Node):
         if both := overlapping(faults):
             raise FaultError(f"faults: given {both[0]} and {both[1]}; allowed: one fault of a part at a time")
         return faults
-
-    def _set_faults(self, faults: tuple[Injected, ...]) -> None:
-        self.stream.faults = faults
-
-    def _outgoing(self) -> list[Any]:
-        return [*self._sensors.values(), self._truth, self._events.publisher]
 
     # the handshake
 
@@ -254,8 +250,11 @@ class PlantNode(Node):
             self._end(Event.ALARM, NUMERICAL_FAILURE, outcome.sentence)
             return
         if self._lockstep:
-            # before publishing: in one process the answer may come back at once
-            self._awaited = self._answered_stamp(block)
+            # before publishing: in one process the answer may come back at once; it has the stamp, of a faulty clock
+            # too, of the last laser sample
+            laser = block.readings[0]
+            last_ns = stamp_ns(self._start_ns, laser.first_index + len(laser.data) - 1, laser.rate)
+            self._awaited = last_ns + self._shift(laser)
         for reading in block.readings:
             device, shift = reading.instrument.device, self._shift(reading)
             self._sensors[device].publish(sample_block(reading, self._start_ns, device, shift))
@@ -277,11 +276,6 @@ class PlantNode(Node):
         first_ns = stamp_ns(self._start_ns, reading.first_index, reading.rate)
         shift = self._stamps.shift(self.stream.faults, reading.first_index / reading.rate, first_ns)
         return max(-first_ns, shift)
-
-    def _answered_stamp(self, block: StreamBlock) -> int:
-        """Stamp of the block's last laser sample, as a faulty clock has it too [ns]: that of the answer to it."""
-        laser = block.readings[0]
-        return stamp_ns(self._start_ns, laser.first_index + len(laser.data) - 1, laser.rate) + self._shift(laser)
 
     # the end
 

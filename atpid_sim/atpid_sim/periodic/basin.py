@@ -25,11 +25,9 @@ from atpid_sim.engine.basin_run import NOWHERE
 from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY
 from atpid_sim.engine.state import State
 from atpid_sim.modal import container_mass
-from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.motion import SteadyEnding, SteadyState
 from atpid_sim.periodic.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions, ReturnMap
-from atpid_sim.periodic.solve import PeriodicMotion, periodic_motion, size_of, solve
+from atpid_sim.periodic.solve import PeriodicMotion, SteadyEnding, SteadyState, periodic_motion, size_of, solve
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import choose
@@ -209,9 +207,7 @@ class _Trial:
         times, state, row = drawn[:, 0] * self.cycle.periods * flow.period, self.cycle.state.copy(), flow.rows([1.0])
         for k in np.argsort(times):
             row[0, columns.END] = times[k]
-            outcome = flow.integration.advance(state, row)
-            if outcome != Outcome.DONE:
-                raise NumericalFailure(outcome.sentence)
+            flow.integration.advance_whole(state, row)
             y[k], n[k] = state.y, state.n
         y[:, columns.TIME] %= flow.period
         angle = 2.0 * math.pi * drawn[:, 1]

@@ -19,10 +19,9 @@ from atpid_sim.engine import columns
 from atpid_sim.engine.basin_run import FAILED, follow_starts, neighbourhood_size
 from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY, displaced_together
 from atpid_sim.engine.state import State
-from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.motion import SteadyState
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic.return_map import Conditions, passage
-from atpid_sim.periodic.solve import PeriodicMotion, size_of
+from atpid_sim.periodic.solve import PeriodicMotion, SteadyState, size_of
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
@@ -119,9 +118,7 @@ def cycle_of(integration: Integration, conditions: Conditions, motion: SteadySta
             pass  # the grain never flies
     flow = Flow(integration, conditions, phase)
     for _ in range(motion.periods):  # overlaps, and what a wall remembers of them
-        outcome = integration.advance(state, flow.rows([1.0]))
-        if outcome != Outcome.DONE:
-            raise NumericalFailure(outcome.sentence)
+        integration.advance_whole(state, flow.rows([1.0]))
         state.y[columns.TIME] = 0.0
     return Cycle(phase, state, motion.periods, motion.amplitude, motion.multipliers, motion.settling_periods)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
-from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observation, impact_log, sample_series
 from atpid_sim.system import Array
 
@@ -168,9 +168,7 @@ class ReturnMap:
 
     def _advance(self, section: Array, observation: Observation) -> State:
         state = self.integration.sections.flying(section)
-        outcome = self.integration.advance(state, self._table, observation)
-        if outcome != Outcome.DONE:
-            raise NumericalFailure(outcome.sentence)
+        self.integration.advance_whole(state, self._table, observation)
         return state
 
 
@@ -233,9 +231,7 @@ def _run(
     later = state.copy()
     later.y[columns.TIME] = 0.0
     later.restart_observation()
-    outcome = integration.advance(later, table_of(conditions, phase, duration), observation)
-    if outcome != Outcome.DONE:
-        raise NumericalFailure(outcome.sentence)
+    integration.advance_whole(later, table_of(conditions, phase, duration), observation)
     return later
 
 

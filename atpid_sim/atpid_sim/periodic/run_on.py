@@ -13,15 +13,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.engine import columns
+from atpid_sim.engine import columns, drive
 from atpid_sim.engine.sections import displaced_together
 from atpid_sim.engine.state import State
-from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.approach import rows_until
-from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import (
+    Method,
     PeriodicMotion,
+    SteadyEnding,
+    SteadySearch,
+    SteadyState,
     arrives,
     least_size,
     multipliers_at,
@@ -37,6 +39,7 @@ from atpid_sim.simulation.integration import (
     SUPPORT,
     Integration,
     Observation,
+    drive_table,
     impact_log,
     sample_series,
 )
@@ -64,6 +67,20 @@ _WIDTH = 1e-4
 _LOG = 200
 
 
+def rows_until(scene: Scene, end: float) -> Array:
+    """Return the drive table of a scene up to `end` [s]."""
+    if scene.frequency_moves:
+        whole = drive_table(scene, (end,))
+        return whole[whole[:, columns.END] <= end]
+    # kinks of the ceiling as points of the amplitude: rows need not be cut
+    times, amplitudes = zip(*scene.excitation.amplitude_points, strict=True)
+    edges = sorted({0.0, end, *(t for t in (*times, *(t for t, _ in scene.ceiling.heights)) if t < end)})
+    points = list(zip(edges, np.interp(edges, times, amplitudes).tolist(), strict=True))
+    rows = drive.harmonic_rows(points, scene.frequency_hz, end)
+    drive.enter_ceiling(rows, scene.ceiling.heights)
+    return rows
+
+
 class _Run:
     """The run, period by period."""
 
@@ -81,7 +98,7 @@ class _Run:
         if disturbance != 0.0:
             rows[:, SUPPORT] *= 1.0 + disturbance
         self.state, self.done, self.amplitude = integration.initial_state(), 0, 0.0
-        self._advance(self.state, rows)
+        integration.advance_whole(self.state, rows)
 
     @property
     def phase(self) -> float:
@@ -106,12 +123,7 @@ class _Run:
         state.y[columns.TIME] = 0.0
         state.restart_observation()
         state.restart_steps()
-        self._advance(state, row, observation)
-
-    def _advance(self, state: State, rows: Array, observation: Observation = NO_OBSERVATION) -> None:
-        outcome = self.integration.advance(state, rows, observation)
-        if outcome != Outcome.DONE:
-            raise NumericalFailure(outcome.sentence)
+        self.integration.advance_whole(state, row, observation)
 
 
 def run_on(

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Periodic motions by Newton's method on the return map, and whether they are stable.
+"""Periodic motions by Newton's method on the return map, whether they are stable, and what a search for one returns.
 
 A motion of period one or two is a fixed point of the return map over one or two periods. The multipliers, the
 eigenvalues of the map's derivative there, are the factors by which small disturbances grow from one passage of the
@@ -10,6 +10,7 @@ section to the next: below 1 in modulus they die out.
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,70 @@ from atpid_sim.engine.sections import Sections
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, passage
+from atpid_sim.results import Labelled, in_unit
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
+
+#: Least multiplier of which a logarithm is taken.
+_LEAST = 1e-12
+
+
+class SteadyEnding(Enum):
+    """How a search for a steady motion ended."""
+
+    FOUND = "the steady motion was found, and one more period verified it"
+    CHANGING = "excitation or ceiling change until the end: there is no steady motion"
+    IRREGULAR = "the motion does not come to repeat itself, after up to 8 periods of the support: run it as it is"
+    BY_CHANCE = "runs that differ slightly end in different motions: run the scene as it is"
+
+
+class Method(Enum):
+    """How a steady motion was found."""
+
+    SHORT = "the transient followed with tabulated contacts until it contracted, the rest solved for"
+    LONG = "the transient run at this fidelity until it drew together, the rest solved for"
+    WAITED = "run at this fidelity until it repeated itself"
+
+
+@dataclass(frozen=True, repr=False)
+class SteadyState(Labelled):
+    """A stable periodic motion that a scene ends in."""
+
+    amplitude: float  # half peak-to-peak of the beam [m]
+    error_estimate: float  # relative, of the amplitude: what is left of the way, tolerance, and model error
+    periods: int  # of the drive after which it repeats itself
+    multipliers: NDArray[np.complex128]  # (n,), the largest modulus first; of a grain that never flies two are 0
+    followed: float  # how much was run, beyond the scene's end where it took that [s]
+    section: Array  # (n,), see `periodic.return_map`
+    phase: float  # of the section, as a share of a period
+    impacts: NDArray[Any]  # (k,) with the columns of `results.IMPACT`, times after the section
+    fidelity: str
+    method: Method = Method.SHORT
+
+    labels = (
+        in_unit("m", "amplitude") | in_unit("s", "followed") | in_unit("1", "multipliers", "multiplier")
+        | in_unit("", "section", "place") | in_unit("", "impacts", "impact")
+        | in_unit("1", "stability_margin settling_periods")
+    )  # fmt: skip
+
+    @property
+    def stability_margin(self) -> float:
+        """Distance to instability, 1 - largest modulus of the multipliers [-]."""
+        return 1.0 - float(abs(self.multipliers[0]))
+
+    @property
+    def settling_periods(self) -> float:
+        """Periods of the drive in which a small disturbance falls to 1/e in the end."""
+        return -self.periods / math.log(max(float(abs(self.multipliers[0])), _LEAST))
+
+
+@dataclass(frozen=True, repr=False)
+class SteadySearch(Labelled):
+    """How a search ended, and the steady motion where one was found."""
+
+    ending: SteadyEnding
+    state: SteadyState | None = None
+
 
 #: Newton's steps at most, and how often one is halved where it does not come closer.
 _STEPS, _HALVINGS = 20, 6

@@ -10,20 +10,97 @@ need. The last of these steps is the period that verifies the motion. Where this
 is no plain approach, the scene is run on at the fidelity asked for (`periodic.run_on`).
 """
 
-import numpy as np
+from __future__ import annotations
 
-from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.approach import Approach, follow, still_from
-from atpid_sim.periodic.motion import SteadyEnding, SteadySearch, SteadyState
-from atpid_sim.periodic.newton import Newton, extrapolated
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.engine import columns
+from atpid_sim.engine.settling_run import REGULAR, settle
+from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
-from atpid_sim.periodic.run_on import run_on
-from atpid_sim.periodic.solve import arrives, multipliers_at
+from atpid_sim.periodic.run_on import rows_until, run_on
+from atpid_sim.periodic.solve import (
+    SteadyEnding,
+    SteadySearch,
+    SteadyState,
+    arrives,
+    least_size,
+    multipliers_at,
+    size_of,
+)
 from atpid_sim.results import named_impacts
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.excitation import frequency_points
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, rtol_of
 from atpid_sim.system import Array
+
+#: Periods before contraction is looked for; in the last of them the section is chosen.
+_SETTLED = 4
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A transient that contracts: its passages of a section, and how far it still has to go."""
+
+    once: ReturnMap  # of the run that was followed, over one period
+    periods: int
+    passages: Array  # section states (k, n), `periods` apart
+    scale: Array  # size of the motion (n,)
+    time: float
+    remaining: float  # distance still to go at the rate of contraction, relative
+    growth: float  # of the distance between passages on the way, wherever they drew apart again
+
+
+def still_from(scene: Scene) -> float:
+    """Return the time from which on excitation and ceiling are what they are at the end [s]."""
+    last = 0.0
+    for points in (scene.excitation.amplitude_points, frequency_points(scene), scene.ceiling.heights):
+        changes = [k for k in range(1, len(points)) if points[k][1] != points[k - 1][1]]
+        last = max(last, float(points[changes[-1]][0]) if changes else 0.0)
+    return last
+
+
+def follow(scene: Scene, quick: Integration, conditions: Conditions, still: float) -> Approach | None:
+    """Follow the scene until its passages of a section draw together regularly; None where they do not.
+
+    still: when its last kink is [s].
+    """
+    period = 1.0 / conditions.frequency
+    begin = period * (math.ceil(still / period) + _SETTLED - 1)
+    most = int((scene.duration - begin) / period)
+    if most < 1:
+        return None
+    rows = rows_until(scene, begin)
+    state, sections = quick.initial_state().without_ledger(), np.empty((most, len(quick.sections.places)))
+    table = _next_period(rows[-1], period)
+    outcome, ending, passed, amplitude, count, periods, remaining = settle(
+        quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, quick.sizes(conditions.frequency),
+        least_size(quick, conditions), quick.step_limit, sections,
+    )  # fmt: skip
+    if outcome != Outcome.DONE or ending != REGULAR:
+        return None
+    once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
+    passages, time = sections[:count][::-periods][::-1], begin + passed * period
+    scale = size_of(quick, amplitude, conditions)
+    # the distance from passage to passage is a disturbance, too: what it grew by on the way others have grown by
+    moves = np.abs(np.diff(passages / scale, axis=0)).max(axis=1)
+    growth = float(np.prod(np.maximum(moves[1:] / np.maximum(moves[:-1], 1e-300), 1.0)))
+    return Approach(once, periods, passages, scale, time, remaining, growth)
+
+
+def _next_period(row: Array, period: float) -> Array:
+    """Return the row (1, DRIVE_COLUMNS) of the period [s] after one of constant conditions, from time zero on."""
+    following = row[None].copy()
+    following[0, columns.PHASE] += row[columns.OMEGA] * (row[columns.END] - row[columns.START])
+    following[0, columns.START], following[0, columns.END] = 0.0, period
+    return following
+
 
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed,
 #: with contacts from a table, and of several modes, whose contacts are integrated: differences have to be smooth.
@@ -97,7 +174,7 @@ def _solved_from(
 
     Raises NumericalFailure, LinAlgError.
     """
-    exact, newton = coarse.by(fine), Newton(approach, known, start)
+    exact, newton = coarse.by(fine), _Newton(approach, known, start)
     for _ in range(_COARSE_STEPS):  # first the motion of the tabulated contacts, next to the one asked for
         after, slope = coarse.forward_differences(newton.section, _WIDTH * approach.scale)
         newton.derive(slope)
@@ -142,3 +219,74 @@ def _described(approach: Approach, exact: ReturnMap, orbit: Orbit, section: Arra
         orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase,
         named_impacts(orbit.impacts), exact.integration.fidelity,
     )  # fmt: skip
+
+
+#: How far steps may lead, in the distances that are left to go at the rate of contraction.
+_FARTHEST = 5.0
+#: Passages from which the end is extrapolated, and relative size of a part of their moves that depends on the others.
+_MIXED, _DEPENDENT = 5, 1e-6
+
+
+class _Newton:
+    """Newton's steps to a fixed point near where a transient draws together, from a section state (n,)."""
+
+    def __init__(self, approach: Approach, known: float, section: Array) -> None:
+        """Begin; known: relative error that steps do not remove."""
+        self.section, self.left, self.slope = section, math.inf, np.eye(len(section))
+        self.improved = False  # whether steps had to improve the derivative
+        self._inverse: NDArray[np.floating[Any]] = self.slope
+        self._last, self._scale, self._known = approach.passages[-1], approach.scale, known
+        self._farthest = _FARTHEST * approach.remaining + known
+        self._before: tuple[Array, Array] | None = None  # last section state and what is missing to its image
+
+    def derive(self, slope: Array) -> None:
+        """Take another derivative of the return map (n, n)."""
+        self.slope, self._inverse, self._before = slope, np.linalg.inv(np.eye(len(slope)) - slope), None
+
+    def step(self, after: Array, alike: bool = False) -> None:
+        """Step from the section state (n,) to which `after` is the next passage; raises NumericalFailure if too far.
+
+        alike: whether the last step was by the same map, so that it improves the derivative.
+        """
+        missing = after - self.section
+        step = np.asarray(self._inverse @ missing, dtype=float)
+        if alike and self._before is not None and _size(step, self._scale) > self._known:
+            self._improve(self.section - self._before[0], self._before[1] - missing)
+            step = np.asarray(self._inverse @ missing, dtype=float)
+        self._before = self.section, missing
+        self.left, self.section = _size(step, self._scale), self.section + step
+        if not _size(self.section - self._last, self._scale) <= self._farthest:
+            raise NumericalFailure("no fixed point near the transient")
+
+    def derive_again(self, slope: Array, after: Array) -> None:
+        """Make the last step, from a section state to which `after` is the next passage, with another derivative."""
+        if self._before is not None:
+            self.section = self._before[0]
+        self.derive(slope)
+        self.step(after)
+
+    @property
+    def leading(self) -> float:
+        """Largest modulus of the derivative's eigenvalues: the factor by which disturbances shrink in the end."""
+        return float(np.abs(np.linalg.eigvals(self.slope)).max())
+
+    def _improve(self, moved: Array, closed: Array) -> None:
+        """Broyden's update: a move (n,) has closed so much (n,) of what was missing."""
+        row = (moved / self._scale**2) @ self._inverse
+        share, self.improved = float(row @ closed), True
+        if share != 0.0:
+            self._inverse = self._inverse + np.outer(moved - self._inverse @ closed, row) / share
+
+
+def _size(step: Array, scale: Array) -> float:
+    """Return the largest part of a step (n,), relative to the motion's size."""
+    return float(max(map(abs, (step / scale).tolist())))
+
+
+def extrapolated(passages: Array, scale: Array) -> Array:
+    """Return the section state (n,) to which passages (k, n) of a linear map would draw together: Anderson's mixing."""
+    recent = passages[-_MIXED:] / scale
+    moves = recent[1:] - recent[:-1]
+    weights = np.linalg.lstsq((moves[1:] - moves[:-1]).T, moves[-1], rcond=_DEPENDENT)[0]
+    end: Array = (recent[-1] - weights @ moves[1:]) * scale
+    return end

@@ -3,9 +3,9 @@
 """Scenes: what one run needs, read from YAML and checked (docs/scenes.md)."""
 
 from atpid_sim.scene.ceiling import ControlledCeiling, FixedCeiling, OpeningCeiling, ProfileCeiling
-from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SeriesExcitation, SweepExcitation
 from atpid_sim.scene.scene import Scene, load_scene, scene_from_mapping, standard_bench
+from atpid_sim.scene.yaml12 import SceneError
 
 __all__ = [
     "ControlledCeiling", "FixedCeiling", "FreeExcitation", "HarmonicExcitation", "OpeningCeiling", "ProfileCeiling",

@@ -33,26 +33,10 @@ class PrescribedCeiling(SceneBlock):
 
     kind: ClassVar[str]
     controlled: ClassVar[bool] = False
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Lowest and highest height [m]: any."""
-        return 0.0, math.inf
-
-    @property
-    def speed(self) -> float:
-        """Speed at which a controller may move it [m/s]: NaN, unknown."""
-        return math.nan
-
-    @property
-    def controller(self) -> str:
-        """How the height is selected: not at all."""
-        return ""
-
-    @property
-    def map(self) -> Path | None:
-        """Height map: none."""
-        return None
+    range: ClassVar[tuple[float, float]] = (0.0, math.inf)  # lowest and highest height [m]
+    speed: ClassVar[float] = math.nan  # at which a controller may move it [m/s]
+    controller: ClassVar[str] = ""  # how the height is selected
+    map: ClassVar[Path | None] = None
 
 
 class FixedCeiling(PrescribedCeiling):

@@ -21,12 +21,10 @@ from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
 from atpid_sim.modal import Modes, ModeSet, bare_amplitude, modes_of, phasors, resting
 from atpid_sim.scene.ceiling import Ceiling
-from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
-from atpid_sim.scene.faults import Fault
-from atpid_sim.scene.sensors import Recording, Sensors
+from atpid_sim.scene.sensors import Fault, Recording, Sensors
 from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
-from atpid_sim.scene.yaml12 import write_yaml
+from atpid_sim.scene.yaml12 import SceneError, write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
@@ -139,8 +137,11 @@ class SceneValues(SceneBlock):
     @property
     def modes(self) -> Modes | None:
         """The structure's modes where they are several or a force drives it, else None."""
-        one = not self.further_modes and self.drive == "support"
-        return None if one else _modes_of(self)
+        if not self.further_modes and self.drive == "support":
+            return None
+        given = [(self.beam, 1.0), *((mode, mode.drive_factor) for mode in self.further_modes)]
+        parts = tuple((mode.mass, mode.stiffness, mode.damping, factor) for mode, factor in given)
+        return _modes_from(parts, self.drive, self.grain_mass, self.gravity)
 
     @property
     def frequency_hz(self) -> float:
@@ -259,12 +260,6 @@ def _modes_from(
     weight = np.zeros(len(mass))
     weight[0] = gravity
     return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grain_mass, gravity)
-
-
-def _modes_of(scene: SceneValues) -> Modes:
-    given = [(scene.beam, 1.0), *((mode, mode.drive_factor) for mode in scene.further_modes)]
-    parts = tuple((mode.mass, mode.stiffness, mode.damping, factor) for mode, factor in given)
-    return _modes_from(parts, scene.drive, scene.grain_mass, scene.gravity)
 
 
 def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:

@@ -53,7 +53,7 @@ def _shown(value: float) -> str:
 
 def warnings_of(scene: SceneValues) -> list[str]:
     """Return one line for each unusual value of the scene: key, value, usual range."""
-    parts = (_structure, _contact, _excitation, _sideways, _ceiling, _measurement)
+    parts = (_structure, _excitation, _sideways, _ceiling, _measurement)
     quantities = (quantity for part in parts for quantity in part(scene))
     lines = [line for quantity in quantities if (line := quantity.warning()) is not None]
     if isinstance(scene.contact, ElasticSpec):
@@ -80,9 +80,6 @@ def _structure(scene: SceneValues) -> Iterator[Quantity]:
     yield Quantity("grain, density", grain_density(scene), 100.0, 23_000.0, "kg/m^3", heavy)
     if scene.gravity != 0.0:
         yield Quantity("gravity", scene.gravity, 1.0, 30.0, "m/s^2")
-
-
-def _contact(scene: SceneValues) -> Iterator[Quantity]:
     if isinstance(scene.contact, ElasticSpec):
         modulus = scene.contact.young_modulus
         yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 2e6, steel 2.1e11")

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.files import FileError, check, read_arrays
-from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Series
-from atpid_sim.scene.explain import shown
+from atpid_sim.scene.scene import shown
+from atpid_sim.scene.yaml12 import SceneError
 from atpid_sim.system import Array
 
 #: Samples below which there is no cubic spline.

@@ -3,6 +3,7 @@
 """YAML read with the numbers of YAML 1.2: `2.1e8` is a number, `1:30` and `yes` are text, no key appears twice.
 
 Only mappings, sequences, text, numbers, true, false and null: no other tags, and no aliases that repeat without end.
+What is not right is a `SceneError`, as all that is wrong with a scene.
 """
 
 import re
@@ -11,7 +12,17 @@ from typing import Any
 
 import yaml
 
-from atpid_sim.scene.errors import SceneError
+from atpid_common.errors import InputError
+
+
+class SceneError(InputError):
+    """A scene that cannot be used; the message is one line: file, key, what was given, what is allowed."""
+
+    def __init__(self, message: str) -> None:
+        """Write out what does not print in `message`, such as a line's end in a key or a column's name."""
+        printable = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        super().__init__("".join(printable))
+
 
 _BOOLEAN = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
 _INTEGER = re.compile(r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$")

@@ -2,18 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many jobs, one way: on this machine's cores or on a Dask cluster, with progress, a journal, and an end by Ctrl-C."""
 
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import importlib
+import json
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
-from typing import Generic, TypeVar
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from atpid_sim.simulation.cluster import on_cluster
-from atpid_sim.simulation.journal import Journal, Record
+import numpy as np
+
+from atpid_common.errors import InputError, extras
 
 Job = TypeVar("Job", bound=Hashable)
 Answer = TypeVar("Answer")
@@ -157,3 +165,162 @@ def _submitted(
             yield futures[future], future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+#: How long a scheduler may take to answer [s].
+_CONNECT_TIMEOUT = 10.0
+
+
+class ClusterError(InputError):
+    """A cluster that cannot be used; one line."""
+
+
+def on_cluster(
+    address: str, work: Callable[[Job], Answer], jobs: Iterable[Job]
+) -> Generator[tuple[Job, Answer], None, None]:
+    """Yield (job, answer of `work`) as the workers of the scheduler at `address` deliver them.
+
+    The cluster owns scheduling and retries: a job whose worker dies is done by another. Work, jobs and answers are sent
+    as pickles; functions of the project by name, so that workers need it installed, and `dask[distributed]`.
+    Raises ClusterError where dask is not installed, no scheduler answers, or every worker that tried a job has exited;
+    what `work` raises is raised here. Jobs that wait when the caller ends are cancelled.
+    """
+    with extras("--cluster", ClusterError):
+        distributed: Any = importlib.import_module("distributed")
+    try:
+        with ThreadPoolExecutor(1) as beside:  # where an event loop may run already, as in a notebook
+            beside.submit(asyncio.run, _greeted(distributed, address)).result()
+        client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
+        raise ClusterError(
+            f"--cluster: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
+            "start one with `dask scheduler`, or leave the option out"
+        ) from None
+    with client:
+        given = list(jobs)
+        futures = dict(zip(client.map(work, given, pure=False), given, strict=True))
+        try:
+            for future in distributed.as_completed(list(futures), loop=client.loop):
+                try:
+                    yield futures[future], future.result()
+                except distributed.scheduler.KilledWorker:
+                    lost = f"--cluster: every worker that computed {futures[future]} exited; see their logs"
+                    raise ClusterError(lost) from None
+        finally:
+            client.cancel(list(futures))
+
+
+async def _greeted(distributed: Any, address: str) -> None:
+    """Wait for a scheduler's greeting: a client would wait for it for ever where something else listens."""
+    greeted = await asyncio.wait_for(distributed.comm.connect(address, timeout=_CONNECT_TIMEOUT), _CONNECT_TIMEOUT)
+    await greeted.close()
+
+
+#: Which job it is, in numbers and words; of a map: mass fraction [-], amplitude [m].
+Point = tuple[Any, ...]
+
+#: Size of a journal at most [bytes]: a map of 100 000 amplitudes has 30 MB.
+_MOST_BYTES = 500_000_000
+
+
+class JournalError(InputError):
+    """A journal that cannot be used; one line."""
+
+
+@dataclass(frozen=True)
+class Record(Generic[Job, Answer]):
+    """What a batch keeps of its answers, and where."""
+
+    path: Path
+    purpose: Mapping[str, Any]  # first line of the file: another system or other settings are refused
+    key: Callable[[Job], Point]
+    plain: Callable[[Answer], Mapping[str, Any]]  # to what JSON has
+    back: Callable[[Mapping[str, Any]], Answer]
+
+    def finish(self) -> None:
+        """Remove the journal: what the answers are for is written."""
+        self.path.unlink(missing_ok=True)
+
+
+def beside(out: Path) -> Path:
+    """Return the journal's file for an output file."""
+    return out.with_name(out.name + ".journal")
+
+
+class Journal:
+    """A file whose first line identifies system and settings, then one line a job, each on the disk before the next.
+
+    An incomplete last line is dropped.
+    """
+
+    def __init__(self, path: Path, purpose: Mapping[str, Any]) -> None:
+        """Open or begin a journal; raise JournalError where it is another's, in use or cannot be written."""
+        self.path = path
+        self.points: dict[Point, dict[str, Any]] = {}
+        try:
+            self._file = self.path.open("a+b")
+        except OSError as error:
+            raise JournalError(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._resume(dict(purpose))
+        except OSError:
+            self.close()
+            problem = f"{self.path}: another run is writing it"
+            raise JournalError(f"{problem}; wait for it or choose another --out") from None
+        except JournalError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file, which stays for the next attempt."""
+        self._file.close()
+
+    def record(self, point: Point, values: Mapping[str, Any]) -> None:
+        """Put one answer on the disk."""
+        self._append({"point": list(point), **values})
+
+    def _resume(self, purpose: dict[str, Any]) -> None:
+        self._file.seek(0)
+        if os.fstat(self._file.fileno()).st_size > _MOST_BYTES:
+            raise JournalError(f"{self.path}: is no journal of this command; remove it or choose another --out")
+        whole = self._file.read().rpartition(b"\n")[0]
+        lines = whole.splitlines()
+        try:
+            first, rest = (json.loads(lines[0]), [_point(line) for line in lines[1:]]) if lines else (None, [])
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            problem = f"{self.path}: is no journal of this command"
+            raise JournalError(f"{problem}; remove it or choose another --out") from None
+        if lines and first != json.loads(json.dumps(purpose)):
+            raise JournalError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
+        self._file.truncate(len(whole) + 1 if whole else 0)  # only now: until here it may be another's file
+        self.points.update(rest)
+        if not lines:
+            self._append(purpose)
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        try:
+            self._file.write(json.dumps(line, default=_plain).encode() + b"\n")
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with suppress(OSError):  # without another attempt to write what is buffered
+                self.close()
+            raise JournalError(
+                f"{self.path}: cannot be written: {error.strerror}; make room and give the same command: it goes on "
+                "from what is in it"
+            ) from None
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers of numpy as Python's; raise TypeError for what JSON has not."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is not for a journal")
+
+
+def _point(line: bytes) -> tuple[Point, dict[str, Any]]:
+    """Return which job a line is of and its answer; raise ValueError, TypeError or KeyError for another line."""
+    values = dict(json.loads(line))
+    point = values.pop("point")
+    return tuple(value if isinstance(value, str) else float(value) for value in point), values

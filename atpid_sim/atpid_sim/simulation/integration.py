@@ -10,12 +10,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
-from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
+from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, pass_sections
 from atpid_sim.engine.sections import Sections, sections_of
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
@@ -233,6 +232,12 @@ class Integration:
             )
         )  # fmt: skip
 
+    def advance_whole(self, state: State, table: Array, observation: Observation = NO_OBSERVATION) -> None:
+        """Advance a state in place as `advance` does; raise NumericalFailure where it does not reach the end."""
+        outcome = self.advance(state, table, observation)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(outcome.sentence)
+
     def pass_sections(self, sections: Array, table: Array, count: int) -> tuple[Array, str]:
         """Return states of free flight (k, n) mapped through a table, and why the next one of `count` is missing.
 
@@ -250,38 +255,6 @@ class Integration:
             return after, ""
         grounded = "the grain is in contact at the phase of the section"
         return after[:done], grounded if ended == IN_CONTACT else Outcome(ended).sentence
-
-    def ends_alike(
-        self,
-        first: State,
-        tables: Array,
-        common: int,
-        sampling: tuple[float, float] = (0.0, 1.0),
-        series: Array | None = None,
-    ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return states (runs, m) and counters (runs, COUNTERS) in which runs of the scene end, and outcomes (runs,).
-
-        Each goes through its own of `tables` (runs, rows, DRIVE_COLUMNS), which differ in the ceiling only, and only
-        behind their first `common` rows, which lie before the steady window, where the beam's range is taken. Compiled,
-        without the interpreter's lock. first: state in which they begin; sampling: first instant, not before the
-        first `common` rows end, and period [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
-        """
-        count = len(tables)
-        y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))
-        ends = tables[:, :, columns.HEIGHT] + tables[:, :, columns.CEILING_VELOCITY] * (
-            tables[:, :, columns.END] - tables[:, :, columns.START]
-        )
-        highest = np.maximum(tables[:, :, columns.HEIGHT], ends).max(axis=1)
-        masses = np.where(_closed(self.scene, highest), self.scene.total_mass, self.scene.beam.mass)
-        outcomes = np.zeros(count, dtype=np.int64)
-        law, parameters = self.contact
-        integrate_alike(
-            self._fidelity, tables, common if (masses == masses[0]).all() else 0, self.system, masses, law, parameters,
-            self.rtol, y, n, self.scene.steady_window, sampling,
-            np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series, self.step_limit, self._contacts,
-            outcomes,
-        )  # fmt: skip
-        return y, n, outcomes
 
     def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
             disturbance: float = 0.0) -> FinishedRun:  # fmt: skip
@@ -322,10 +295,10 @@ def rtol_of(scene: Scene) -> float:
 
 def is_closed(scene: Scene) -> bool:
     """Return whether the ceiling holds the grain during the whole run."""
-    return bool(_closed(scene, max(height for _, height in scene.ceiling.heights)))
+    return bool(holds_grain(scene, max(height for _, height in scene.ceiling.heights)))
 
 
-def _closed(scene: Scene, highest: float | Array) -> Any:
+def holds_grain(scene: Scene, highest: float | Array) -> Any:
     """Return whether a ceiling holds the grain that is never higher than `highest` (...) [m]."""
     return highest <= 2.0 * scene.grain.radius * (1.0 + 1e-9)
 

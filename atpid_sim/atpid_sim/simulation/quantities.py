@@ -1,6 +1,10 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a motion is measured by: half peak-to-peak, efficiency (Eq. 3.74), decrement of a free decay (section 2.3.1)."""
+"""What a motion is measured by, as pure functions over series, simulated or recorded.
+
+Half peak-to-peak, efficiency (Eq. 3.74), decrements of a free decay (Eq. 2.1, section 2.3.1), the spectrum of a
+displacement (Figs 3.7 and 3.8).
+"""
 
 import math
 from typing import NamedTuple
@@ -13,6 +17,8 @@ from atpid_sim.system import Array, structure_of
 
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02
+#: Zeros appended, in lengths of the signal: the spectrum is then read between its bins.
+_PADDING = 8
 
 
 def half_peak_to_peak(displacement: Array) -> float:
@@ -77,3 +83,22 @@ def largest_decrement(displacement: Array) -> float:
         return math.nan
     found = found[found > _SMALLEST * found[0]]
     return float(np.max(found[:-1] / found[1:])) if len(found) > 1 else math.nan
+
+
+def decrements(displacement: Array) -> Array:
+    """Return the ratios of successive upper peaks (k,) [-] of a displacement from rest (n,) [m] (Eq. 2.1)."""
+    found = peaks(displacement)
+    found = found[found > _SMALLEST * found[0]] if len(found) else found
+    return np.asarray(found[:-1] / found[1:])
+
+
+def amplitude_spectrum(displacement: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies (m,) [Hz] and amplitudes (m,) [m] of a displacement (n,) [m] sampled at `rate` [Hz].
+
+    The mean is removed; the signal is neither windowed nor scaled beyond 2 / n, so that a tone over whole periods has
+    its own amplitude.
+    """
+    count = len(displacement)
+    spectrum = np.abs(np.fft.rfft(displacement - displacement.mean(), _PADDING * count))
+    frequencies = np.fft.rfftfreq(_PADDING * count, 1.0 / rate)
+    return np.asarray(frequencies, dtype=float), 2.0 * spectrum / count

@@ -18,7 +18,6 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.results import Drawn, Labelled, in_unit, named_impacts
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.beside_finite import cross_check_with_finite
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.fidelity import Choice, choose, judged_errors, require_shallow
 from atpid_sim.simulation.integration import (
@@ -33,7 +32,7 @@ from atpid_sim.simulation.integration import (
     undamped_amplitude,
 )
 from atpid_sim.simulation.quantities import efficiency, largest_decrement, worse_than_without
-from atpid_sim.simulation.reproducibility import UNCHECKED, Verdict, judge
+from atpid_sim.simulation.reproducibility import UNCHECKED, Verdict, cross_check_with_finite, judge
 from atpid_sim.simulation.unrepeated import few_samples, measures_of, observation_of
 from atpid_sim.system import Array
 

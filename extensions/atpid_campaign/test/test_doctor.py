@@ -25,9 +25,9 @@ import yaml
 from atpid_campaign.doctor import devices
 from atpid_campaign.doctor.checks import CHECKS, GROUP, all_checks, block, examine, verdict_of
 from atpid_campaign.doctor.command import add_arguments
-from atpid_common.claim import claimed
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError
+from atpid_common.middleware import claimed
 from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_common.testing import install
 from atpid_control.cli import main

@@ -12,8 +12,8 @@ import numpy as np
 from atpid_design.problem import Problem, cases, drawn_frequencies
 from atpid_design.worst_case import Interval, Point, response_of
 from atpid_sim.maps import ALL_APPROACHES
-from atpid_sim.maps.approaches import at_once
 from atpid_sim.maps.curves import monotone
+from atpid_sim.maps.ratings import at_once
 from atpid_sim.robust import Response, inside
 
 #: Structures drawn at each amplitude, half of them corners of the box, and the seed of the first.

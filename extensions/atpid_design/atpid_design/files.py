@@ -15,7 +15,7 @@ from atpid_design.make import Design
 from atpid_design.page import page
 from atpid_design.picture import panels
 from atpid_design.problem import RTOL, Problem, mapping_of, time_constant
-from atpid_sim.figure_numbers import save_panels
+from atpid_sim.figure_style import save_panels
 from atpid_sim.maps import HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping

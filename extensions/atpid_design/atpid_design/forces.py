@@ -10,7 +10,7 @@ import numpy as np
 
 from atpid_design.problem import Case
 from atpid_sim.engine import columns
-from atpid_sim.maps.approaches import at_once
+from atpid_sim.maps.ratings import at_once
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series
 from atpid_sim.system import Array, System, reduced_mass
 

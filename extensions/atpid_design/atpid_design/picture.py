@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from atpid_design.make import Design
-from atpid_sim.figure_numbers import Panels, logarithmic
-from atpid_sim.figure_style import LIGHT
+from atpid_sim.figure_style import LIGHT, Panels, logarithmic
 
 
 def panels(made: Design) -> Panels:

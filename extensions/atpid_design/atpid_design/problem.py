@@ -18,7 +18,7 @@ from atpid_sim.kernel_inputs import Contact, contact_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.modal import Modes
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.scene.explain import explained
+from atpid_sim.scene.scene import explained
 from atpid_sim.scene.structure import FurtherMode
 from atpid_sim.system import Array
 

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from atpid_common.files import FileError, read_text
 from atpid_design.problem import DesignError
 from atpid_sim.fields import SceneBlock
-from atpid_sim.scene.explain import explained
+from atpid_sim.scene.scene import explained
 from atpid_sim.scene.structure import Beam, FurtherMode
 from atpid_sim.scene.yaml12 import read_yaml
 

@@ -23,8 +23,8 @@ from atpid_design.forces import forces
 from atpid_design.problem import Case, Problem, case, cases, drawn_frequencies
 from atpid_design.today import bare_range
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
-from atpid_sim.maps.approaches import at_once, opened
-from atpid_sim.maps.best import Best
+from atpid_sim.maps.build import Best
+from atpid_sim.maps.ratings import at_once, opened
 from atpid_sim.robust import Response, adverse, corners, inside, lowest_best
 from atpid_sim.simulation.quantities import efficiency
 

@@ -5,10 +5,13 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_sim.engine import columns, drive
+from atpid_sim.engine.row_loop import integrate_alike
+from atpid_sim.engine.state import State
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.integration import drive_table
+from atpid_sim.simulation.integration import Integration, drive_table, holds_grain
 from atpid_sim.system import Array
 
 
@@ -43,3 +46,35 @@ def opened(scene: Scene, height: float) -> Scene:
         return scene.with_(height=height)
     (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
     return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
+
+
+def ends_alike(
+    integration: Integration,
+    first: State,
+    tables: Array,
+    common: int,
+    sampling: tuple[float, float] = (0.0, 1.0),
+    series: Array | None = None,
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return states (runs, m) and counters (runs, COUNTERS) in which runs of the scene end, and outcomes (runs,).
+
+    Each goes through its own of `tables` (runs, rows, DRIVE_COLUMNS), which differ in the ceiling only, and only
+    behind their first `common` rows, which lie before the steady window, where the beam's range is taken. Compiled,
+    without the interpreter's lock. first: state in which they begin; sampling: first instant, not before the
+    first `common` rows end, and period [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
+    """
+    count, scene = len(tables), integration.scene
+    fidelity, system, _, law, parameters, rtol, contacts = integration.kernel_inputs
+    y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))
+    ends = tables[:, :, columns.HEIGHT] + tables[:, :, columns.CEILING_VELOCITY] * (
+        tables[:, :, columns.END] - tables[:, :, columns.START]
+    )
+    highest = np.maximum(tables[:, :, columns.HEIGHT], ends).max(axis=1)
+    masses = np.where(holds_grain(scene, highest), scene.total_mass, scene.beam.mass)
+    outcomes = np.zeros(count, dtype=np.int64)
+    integrate_alike(
+        fidelity, tables, common if (masses == masses[0]).all() else 0, system, masses, law, parameters, rtol, y, n,
+        scene.steady_window, sampling, np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series,
+        integration.step_limit, contacts, outcomes,
+    )  # fmt: skip
+    return y, n, outcomes

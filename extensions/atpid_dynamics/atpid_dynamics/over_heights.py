@@ -23,18 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_dynamics.engine.neighbour_run import solve_along
-from atpid_dynamics.heights import HeightTables, tables_at
+from atpid_dynamics.heights import HeightTables, ends_alike, tables_at
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.approach import still_from
 from atpid_sim.periodic.return_map import Conditions, passage, table_of
 from atpid_sim.periodic.solve import least_size, size_of
+from atpid_sim.periodic.steady import still_from
 from atpid_sim.scene import Scene, SceneError
-from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Record, Workers
 from atpid_sim.simulation.fidelity import Choice, choose
 from atpid_sim.simulation.integration import Integration
-from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: Heights of a job: large enough that few of them have to be run, small enough that workers end together.
@@ -240,7 +239,7 @@ class _Part:
         first, (still, period, count) = self.integration.initial_state().without_ledger(), self.strobes
         series = np.zeros((len(places), columns.SAMPLE_ROWS, count))
         common = min(self.common, int(np.searchsorted(self.tables[0, :, columns.END], still, side="right")))
-        y, n, outcomes = self.integration.ends_alike(first, self.tables[places], common, (still, period), series)
+        y, n, outcomes = ends_alike(self.integration, first, self.tables[places], common, (still, period), series)
         amplitudes, done = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST]), outcomes == Outcome.DONE
         pace, result = 2.0 * math.pi * self.frequency, self.result
         seen = series[:, [columns.S_BEAM, columns.S_VELOCITY, columns.S_GRAIN]].transpose(0, 2, 1)

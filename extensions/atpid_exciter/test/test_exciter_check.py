@@ -11,8 +11,8 @@ import pytest
 import yaml
 from excitation_rigs import calibrate, calibrate_shaker, stand_in
 
-from atpid_common.claim import claimed
 from atpid_common.errors import AtpidError
+from atpid_common.middleware import claimed
 from atpid_control.stand.findings import NotCheckedError, Subject, Verdict
 from atpid_control.stand.launching.options import add_devices, add_parameters
 from atpid_driver.standins import build

@@ -14,9 +14,18 @@ from bag_files import RATE, ROOT, without_pictures
 from recorded import Capture, refused
 
 from atpid_control.cli import main
-from atpid_lab.validation.compare import Agreement, compare, driven_scene
+from atpid_lab.validation.compare import (
+    Agreement,
+    aligned,
+    amplitudes_per_period,
+    compare,
+    driven_scene,
+    lag_of,
+    relative_rmse,
+)
 from atpid_lab.validation.measured import Measured
 from atpid_sim.scene import Scene, load_scene, standard_bench
+from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 
@@ -144,3 +153,25 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "scene.yaml").write_text("mine")
     refused(capsys, ["bag", "validate", BAG, "--out", tmp_path], "scene.yaml: exists")
     assert (tmp_path / "scene.yaml").read_text() == "mine"
+
+
+SAMPLED = 1000.0
+TIMES = np.arange(4000) / SAMPLED
+
+
+def test_efficiency_and_amplitudes_of_periods() -> None:
+    assert efficiency(0.05, 0.2) == pytest.approx(0.75)
+    swelling = (1.0 + TIMES) * np.sin(2.0 * np.pi * 5.0 * TIMES)
+    found = amplitudes_per_period(swelling, SAMPLED / 5.0)
+    assert len(found) == 20
+    assert found == pytest.approx(1.1 + 0.2 * np.arange(20), rel=0.01)
+
+
+def test_lag_and_offset_are_removed_and_the_error_is_that_of_the_amplitude() -> None:
+    simulated = (1.0 + 0.1 * TIMES) * np.sin(2.0 * np.pi * 5.0 * TIMES)
+    measured = 0.04 + 1.1 * np.roll(simulated, 13)
+    assert lag_of(measured, simulated, 50) == 13
+    one, other = aligned(measured, simulated, 13)
+    assert np.mean(one) == pytest.approx(np.mean(other))
+    experiment, simulation = (amplitudes_per_period(series, SAMPLED / 5.0) for series in (one, other))
+    assert relative_rmse(experiment, simulation) == pytest.approx(1.0 - 1.0 / 1.1, rel=1e-6)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.analysis import amplitude_spectrum, decrements
+from atpid_sim.simulation.quantities import amplitude_spectrum, decrements
 from atpid_sim.system import Array
 from studies.theory.energy import contact_force, total_energy, work_on_grain
 from studies.theory.impacts import CEILING, FLOOR, visits

@@ -35,7 +35,7 @@ from atpid_control.stand.errors import BenchError, NodeDiedError, PlantFailedErr
 
 Progress = Callable[[float], None]
 QUIET = ["--ros-args", "--disable-stdout-logs"]
-#: Between the end of a run's source and that of its watch [s]: see atpid_common/nodes/leaving.py.
+#: Between the end of a run's source and that of its watch [s]: see `leaving` in atpid_common/nodes/node_main.py.
 _APART = 0.2
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from atpid_sim.analysis import amplitude_spectrum
+from atpid_sim.simulation.quantities import amplitude_spectrum
 from atpid_sim.system import Array
 
 #: Scans a second for the screen [Hz].

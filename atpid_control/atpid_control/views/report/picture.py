@@ -11,8 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from atpid_control.views.report.panels import Chart, Curve, Panel, anchor, extremes, grain, overview
 from atpid_control.views.report.view import View
-from atpid_sim.figure_numbers import metadata_of
-from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, metadata_of, style
 
 SCHEMES = {"light": LIGHT, "dark": DARK}
 

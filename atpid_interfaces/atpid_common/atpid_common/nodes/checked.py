@@ -62,8 +62,6 @@ def subscribe(
         else:
             act(message)
 
-    def without_info(message: Any) -> None:
-        with_info(message, {})
-
     takes_info = len(signature(callback).parameters) == 2  # which rclpy finds out in the same way
-    return node.create_subscription(kind, topic, with_info if takes_info else without_info, qos, **options)
+    checked = with_info if takes_info else lambda message: with_info(message, {})
+    return node.create_subscription(kind, topic, checked, qos, **options)

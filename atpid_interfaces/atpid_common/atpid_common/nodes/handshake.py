@@ -3,14 +3,16 @@
 """The handshake of a source of samples: an empty message passes through every node before the first sample.
 
 Discovery takes seconds and is not symmetric; without a handshake the first seconds of data are lost. Messages of the
-handshake are marked by their field `handshake` and are never recorded.
+handshake are marked by their field `handshake` and are never recorded. Discovery may lose requests to a service, too:
+`Question` makes one again where no answer comes.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from atpid_interfaces.msg import (
     CeilingCommand,
@@ -21,7 +23,9 @@ from atpid_interfaces.msg import (
     RecorderStatus,
     SampleBlock,
 )
+from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.task import Future
 
 from atpid_common.nodes.messages import STEADY
 
@@ -131,3 +135,35 @@ class Handshake:
         nodes, running = ANSWERED_BY.get(self._answer, ()), self._node.get_node_names()
         absent = [name for name in nodes if name not in running]
         return f"; not running: {', '.join(absent)}" if absent else f" of {', then '.join(nodes)}" if nodes else ""
+
+
+#: Until a request without an answer is made again [s].
+AGAIN = 0.5
+
+
+class Question:
+    """One request at a time to another node's service, made again where no answer comes."""
+
+    def __init__(self, client: Client, answered: Callable[[Any], None]) -> None:
+        """Take the service's client; `answered` is called with each answer, not with that of a request made again."""
+        self._client, self._answered = client, answered
+        self._asked, self._pending = -math.inf, False
+        self._future = Future()
+
+    def ask(self, request: Any, now: float, period: float = 0.0) -> None:
+        """Make the request at the steady time `now` [s], unless it is too soon.
+
+        That is less than `period` [s] after the last one, or `AGAIN` where that has no answer.
+        """
+        wait = AGAIN if self._pending else period
+        if now - self._asked < wait or not self._client.service_is_ready():
+            return
+        self._client.remove_pending_request(self._future)
+        self._asked, self._pending = now, True
+        self._future = self._client.call_async(request)
+        self._future.add_done_callback(self._done)
+
+    def _done(self, future: Future) -> None:
+        if future is self._future and future.exception() is None:
+            self._pending = False
+            self._answered(future.result())

@@ -13,8 +13,8 @@ from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
 
-from atpid_common.claim import claimed
 from atpid_common.errors import InputError
+from atpid_common.middleware import claimed
 
 #: Discovery keeps a node that has left for a moment; only one that stays longer counts [s].
 _TRANSIENT = 10.0

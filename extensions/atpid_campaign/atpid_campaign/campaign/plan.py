@@ -17,7 +17,7 @@ from atpid_common.errors import InputError
 from atpid_common.files import FileError, read_text
 from atpid_sim.fields import Hertz, Length, LocatedPath, Mass, Number, SceneBlock, Words, by_type, impossible, within
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
-from atpid_sim.scene.explain import decimal_comma, explained
+from atpid_sim.scene.scene import decimal_comma, explained
 from atpid_sim.scene.yaml12 import read_yaml
 
 #: Size of the file at most [bytes], and points of one campaign.

@@ -14,7 +14,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, path_to, rising
 from atpid_sim.commands.options import add_table, write_table
 from atpid_sim.display import working
-from atpid_sim.figure_numbers import drawn
+from atpid_sim.figure_style import drawn
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 

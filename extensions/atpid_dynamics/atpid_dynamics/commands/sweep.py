@@ -15,7 +15,7 @@ from atpid_sim.commands.map import amplitudes_of, mass_fractions_of
 from atpid_sim.commands.options import add_accuracy, add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
 from atpid_sim.scene import load_scene
-from atpid_sim.simulation.journal import beside
+from atpid_sim.simulation.batch import beside
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.05:0.15:101 --out sweep.csv"

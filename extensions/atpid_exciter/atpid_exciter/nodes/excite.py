@@ -18,9 +18,9 @@ from atpid_common.arguments import file_path, graph_name, positive
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.handshake import Question
 from atpid_common.nodes.messages import STATES, STATUS, doubles
 from atpid_common.nodes.node_main import TURN, command_node
-from atpid_common.nodes.question import Question
 from atpid_common.vocabulary import ExciterMode, Frame
 from atpid_exciter.excitation.recorded import read_recorded
 from atpid_sim.scene import Scene, load_scene

@@ -11,8 +11,7 @@ import numpy as np
 from atpid_control.analysis.rows import shown_unit
 from atpid_control.views.report.panels import extremes
 from atpid_lab.comparison.compare import Compared, RunOnAxis
-from atpid_sim.figure_numbers import Panels
-from atpid_sim.figure_style import LIGHT
+from atpid_sim.figure_style import LIGHT, Panels
 
 #: Points of a curve at most; periods shown close up; decades of a density; stretches of an envelope.
 _POINTS, _CLOSE_UP, _DECADES, _STRETCHES = 20_000, 6.0, 1e-9, 400

@@ -8,18 +8,23 @@ lies on the floor. Where the ceiling is open
 at the begin, the place of the grain is unknown, so the first 20 periods are left out. A lag between the two channels,
 of at most half a period, and the means are taken off before the comparison. Periods in which the measured amplitude is
 below 5 % of its largest are left out of relative errors.
+
+The thesis divides by the measured X_Exp. Its list of symbols calls that an amplitude, and a displacement passes zero in
+every period: so amplitudes of whole periods are compared, half the range in each, in which no offset is left and a lag
+of less than a period changes little.
 """
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from atpid_lab.validation.measured import Measured, ValidationError
-from atpid_sim.analysis import aligned, amplitudes_per_period, lag_of, relative_rmse
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 
@@ -160,3 +165,40 @@ def _profile(heights: Array, duration: float, least: float) -> list[list[float]]
 
 def _first_height(ceiling: dict[str, Any]) -> float:
     return float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
+
+
+def amplitudes_per_period(displacement: Array, samples: float) -> Array:
+    """Return half the range (k,) [m] of a displacement (n,) [m] in each whole period of `samples` samples."""
+    count = int(len(displacement) / samples)
+    edges = np.rint(samples * np.arange(count + 1)).astype(int)
+    pieces = [displacement[begin:end] for begin, end in pairwise(edges)]
+    return np.array([half_peak_to_peak(piece) for piece in pieces])
+
+
+def lag_of(measured: Array, simulated: Array, most: int) -> int:
+    """Return by how many samples a measurement (n,) is later than its simulation (n,): the best correlation.
+
+    Looked for from -most to most samples; both are taken without their means.
+    """
+    one, other = measured - measured.mean(), simulated - simulated.mean()
+    size = len(one)
+
+    def correlation(lag: int) -> float:
+        return float(one[max(lag, 0) : size + min(lag, 0)] @ other[max(-lag, 0) : size - max(lag, 0)])
+
+    return max(range(-most, most + 1), key=correlation)
+
+
+def aligned(measured: Array, simulated: Array, lag: int) -> tuple[Array, Array]:
+    """Return both series (k,) [m] over their common time, the lag [samples] and the offset removed."""
+    size = len(measured)
+    one, other = measured[max(lag, 0) : size + min(lag, 0)], simulated[max(-lag, 0) : size - max(lag, 0)]
+    return one - one.mean() + other.mean(), other
+
+
+def relative_rmse(experiment: Array, simulation: Array) -> float:
+    """Return the root mean square of (X_Exp - X_Sim) / X_Exp [-] over the amplitudes of whole periods (Eq. 3.46).
+
+    experiment, simulation: (k,) [m], as `amplitudes_per_period` gives them.
+    """
+    return float(np.sqrt(np.mean(((experiment - simulation) / experiment) ** 2)))

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from atpid_lab.validation.compare import Agreement
-from atpid_sim.figure_numbers import Panels
-from atpid_sim.figure_style import LIGHT
+from atpid_sim.figure_style import LIGHT, Panels
 
 #: Periods shown close up, at the end.
 _CLOSE_UP = 6
