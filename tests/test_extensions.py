@@ -12,9 +12,9 @@ import pytest
 
 from atpid_common.cli import GROUP
 from atpid_control import cli
-from atpid_control.stand import added
-from atpid_control.stand.added import EXCITER, AddedPart, added_part, is_installed, table_of
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
+from atpid_control.stand.parts import EXCITER, AddedPart, added_part, is_installed, table_of
+from atpid_control.stand.parts import GROUP as NODES_GROUP
 
 
 def brought(root: Path, name: str = "extensions") -> dict[str, str]:
@@ -25,7 +25,7 @@ def brought(root: Path, name: str = "extensions") -> dict[str, str]:
 @pytest.fixture
 def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No package adds a node."""
-    monkeypatch.setattr(added, "entry_points", lambda **_: ())
+    monkeypatch.setattr("atpid_control.stand.parts.entry_points", lambda **_: ())
     added_part.cache_clear()
     yield
     added_part.cache_clear()
@@ -51,7 +51,7 @@ def test_a_command_that_is_not_installed_is_answered_with_its_package(
 
 def test_the_core_has_the_package_of_every_node_of_an_extension(root: Path) -> None:
     names = {path.parent.name for path in root.glob("extensions/*/package.xml")}
-    parts = [added_part(name) for name in {entry.name for entry in metadata.entry_points(group=added.GROUP)}]
+    parts = [added_part(name) for name in {entry.name for entry in metadata.entry_points(group=NODES_GROUP)}]
     assert {part.part.name: part.part.package for part in parts if part.part.package in names} == brought(root, "nodes")
     assert {row.name for row in table_of(EXCITER)} >= {"backend", "supervised", "highest_amplitude"}
 
@@ -87,7 +87,7 @@ def test_what_a_package_adds_has_to_be_a_part_and_one_alone(tmp_path: Path, monk
         ("valve_node = of_valves:none", "of_valves:none cannot be loaded"),
         (f"{EXCITER} = of_valves:PART", "in several packages"),
     ):
-        (info / "entry_points.txt").write_text(f"[{added.GROUP}]\n{lines}\n")
+        (info / "entry_points.txt").write_text(f"[{NODES_GROUP}]\n{lines}\n")
         added_part.cache_clear()
         with pytest.raises(BenchError, match=text):
             added_part(lines.partition(" ")[0])

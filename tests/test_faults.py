@@ -26,7 +26,7 @@ from atpid_control.cli import main as control
 from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWatch
 from atpid_control.runs.recover import recover
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.errors import NodeDiedError
+from atpid_control.stand.parameters import NodeDiedError
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
 from atpid_sim.system import Array

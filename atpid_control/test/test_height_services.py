@@ -23,7 +23,7 @@ from std_msgs.msg import Empty
 
 from atpid_common.testing import PATIENCE
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.computation import threaded
+from atpid_control.loop.protocol import threaded
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer, summary_of
 from atpid_control.selection import Excitation, HeightSelector, make_selector

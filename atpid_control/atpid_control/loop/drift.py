@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from atpid_common.errors import InputError
-from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.protocol import InlineExecutor
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 

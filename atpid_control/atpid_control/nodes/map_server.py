@@ -19,7 +19,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import AtpidError, InputError
 from atpid_common.nodes.messages import STEADY
-from atpid_control.loop.computation import threaded
+from atpid_control.loop.protocol import threaded
 from atpid_control.nodes.search_server import concluded
 from atpid_sim.maps import HeightMap, MapError, build_map
 from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO

@@ -18,7 +18,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
 from atpid_common.nodes.question import Question
-from atpid_control.supervision.answers import NodeLiveness
+from atpid_control.supervision.states import NodeLiveness
 
 #: Between two questions [s].
 PERIOD = 0.1

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from atpid_interfaces.msg import SampleBlock
 
-from atpid_control.supervision.limits import AbortLevels, Passed
-from atpid_control.supervision.quantities import ContactRate, OnTime, largest, sustained
+from atpid_control.supervision.limits import AbortLevels, ContactRate, OnTime, Passed, largest, sustained
 
 #: Channels that change smoothly, so that a lone sample beyond a level is a spike of the sensor.
 SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")

@@ -36,8 +36,8 @@ from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
 from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
+from atpid_control.loop.controller import ControlSettings
+from atpid_control.loop.protocol import HeightCommand, InlineExecutor, LoopAnswer, threaded
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer

@@ -34,9 +34,8 @@ from atpid_control.nodes.motor_requests import EXCITER, MOTOR, DeviceRequests, M
 from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.quantity_watch import QuantityWatch
-from atpid_control.supervision.answers import Change, NodeLiveness
 from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, Passed, PassedLevel
-from atpid_control.supervision.states import Situation, Supervision
+from atpid_control.supervision.states import Change, NodeLiveness, Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.
 TURN = 0.05

@@ -34,8 +34,8 @@ from atpid_common.nodes.messages import EVENTS, STATES, STATUS, STEADY
 from atpid_common.nodes.node_main import command_node
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import to_stderr
-from atpid_control.stand.errors import BenchError
 from atpid_control.stand.nodes.composition import QUIET, BenchWatch
+from atpid_control.stand.parameters import BenchError
 
 #: Between two commands of the excitation, which stops where none comes [s].
 _PERIOD = 0.2

@@ -31,7 +31,7 @@ from atpid_common.nodes.node_main import PARAMETERS, command_node, initialise
 from atpid_common.nodes.parameters import refuse_undeclared
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.stand.errors import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.stand.parameters import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 QUIET = ["--ros-args", "--disable-stdout-logs"]

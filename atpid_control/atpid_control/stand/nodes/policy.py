@@ -18,11 +18,20 @@ from atpid_common.errors import DONE
 from atpid_common.nodes.node_main import initialise
 from atpid_common.output import writing
 from atpid_control.selection.map_cache import map_for
-from atpid_control.stand.added import EXCITER, added_part, is_installed
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes.composition import node_class
-from atpid_control.stand.part import Part
-from atpid_control.stand.parts import LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
+from atpid_control.stand.parts import (
+    EXCITER,
+    LABJACK,
+    LIVE,
+    NI,
+    NODES,
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    Part,
+    added_part,
+    is_installed,
+)
 from atpid_control.stand.security import OPERATOR, Rights, operator_rights, policy
 from atpid_sim.scene import load_scene
 
