@@ -39,10 +39,9 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import ControlSettings
 from atpid_control.loop.protocol import HeightCommand, InlineExecutor, LoopAnswer, threaded
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
+from atpid_control.nodes.action_servers import MapServer, SearchServer
 from atpid_control.nodes.height_services import HeightServices
-from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.parameter_tables import selector_table
-from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.scene_parameter import scene_given
