@@ -209,7 +209,6 @@ class SimulatedRelation:
     """Simulates the standing ceiling at the nearest tabulated height, over the thesis's support amplitudes."""
 
     def __init__(self, scene: Scene) -> None:
-        """Take the scene's beam, damper and frequency."""
         self._scene, self._amplitudes = scene, np.geomspace(0.002, 0.08, POINTS)
         self._tables: dict[int, tuple[Array, Array, Array]] = {}
 

@@ -49,7 +49,6 @@ class HoldSettings:
     frequency_band: float = 0.0  # relative change of frequency that moves nothing, with `reach` [-]
 
     def __post_init__(self) -> None:
-        """Raise HoldError for impossible settings."""
         limits = {
             "dead_band": (self.dead_band, 0.0 <= self.dead_band < 1.0, "at least 0 and below 1"),
             "sigmas": (self.sigmas, self.sigmas >= 0.0, "at least 0"),
@@ -242,7 +241,6 @@ class StepBack:
     memory: float  # change of the excitation's amplitude over which a step back applies [-]
 
     def __post_init__(self) -> None:
-        """Raise HoldError for an impossible step."""
         if not 0.0 < self.share < 1.0:
             raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
         if self.count < 1 or self.settle < 0:

@@ -59,7 +59,6 @@ class OperatorRequests:
     """Calls the services; `do` may be called from any thread, the answers come while the node spins."""
 
     def __init__(self, node: Node, events: EventPublisher) -> None:
-        """Make the clients."""
         self._node, self._events = node, events
         names = {name for triggered in TRIGGERED.values() for name in triggered}
         self._triggers = {name: node.create_client(Trigger, name) for name in names}

@@ -149,10 +149,7 @@ class SelectorNode(Node):
     def _configure(self, settings: tuple[ControlSettings, float]) -> None:
         self._controller.configure(settings[0])
         self._supervision.stale.timeout = settings[1]
-        self._make_another()
-
-    def _make_another(self) -> None:
-        """Make the controller of another method where one was chosen, beside the loop, which goes on by the last."""
+        # another method that was chosen is made beside the loop, which goes on by the last one
         wanted = self.parameters["method"] or self._scene.ceiling.controller or self._method
         if self._making is None and wanted != self._method:
             self._making = wanted, self._request_executor.submit(self._made_for, wanted)

@@ -94,12 +94,11 @@ class DeviceRequests:
     """Its methods wait without blocking: they are for callbacks of a reentrant group. Times are steady."""
 
     def __init__(self, node: Node, name: str) -> None:
-        """Make the clients of the node `name`."""
         self._node, self._name, self._clock = node, name, STEADY
         self._stop = node.create_client(Trigger, f"{name}/stop")
 
     async def stop(self) -> str:
-        """Switch it off. Return why that is not confirmed, one line; empty: the device has confirmed it."""
+        """Disarm it. Return why that is not confirmed, one line; empty: the device has confirmed it."""
         answer = await self._answer(self._stop, Trigger.Request(), _STOP)
         if answer is None:
             return f"{self._name} does not answer"
@@ -139,7 +138,6 @@ class MotorRequests(DeviceRequests):
     """Those of the motor, whose state shows whether it is armed."""
 
     def __init__(self, node: Node) -> None:
-        """Make the clients."""
         super().__init__(node, MOTOR)
         self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
         self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")

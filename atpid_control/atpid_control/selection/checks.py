@@ -123,7 +123,6 @@ class AnyFrequency:
     """A method that simulates, at any frequency of its range."""
 
     def __init__(self, selector: HeightSelector, scene: Scene) -> None:
-        """Take the method and the scene it selects for."""
         self._selector, self._damper = selector, DamperResponse(scene)
         self._lowest, self._unit = scene.height_limits[0], scene.driven_by.unit
         self.method, self.simulates = selector.method, selector.simulates

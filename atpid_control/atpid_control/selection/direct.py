@@ -17,7 +17,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cached_property, partial
 from itertools import count
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from atpid_control.selection.checks import response_at
@@ -92,13 +91,9 @@ class SelectionThreads:
         self._pool = ThreadPoolExecutor(self._helpers) if self._helpers else None
 
     def __enter__(self) -> SelectionThreads:
-        """Return the workers."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """End the threads."""
+    def __exit__(self, *_error: object) -> None:
         if self._pool:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
@@ -181,11 +176,7 @@ class DirectSelector:
     method, simulates = "direct", True
 
     def __init__(
-        self,
-        scene: Scene,
-        uncertainty: MarginBox | None = None,
-        workers: int | None = None,
-        deadline: float = math.inf,
+        self, scene: Scene, uncertainty: MarginBox | None = None, workers: int | None = None, deadline: float = math.inf
     ) -> None:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled.
 

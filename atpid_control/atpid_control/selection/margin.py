@@ -181,7 +181,6 @@ class MarginSearch:
         self, systems: list[UncertainSystem], excitation: Excitation, limits: tuple[float, float], mapper: Mapper,
         late: Callable[[], bool],
     ) -> None:  # fmt: skip
-        """See `robust_height`."""
         self._systems, self._given, self._map, self._late = systems, excitation, mapper, late
         expected = systems[0].damper
         self._diameter, self._limits = expected.diameter, limits

@@ -4,9 +4,9 @@
 
 Equations 4.7 to 4.32 are the closed forms; displacements are measured from the bare beam's equilibrium. In the thesis's
 equation 4.11 m_b is m_g: the excitation is at the resonance of beam and grain together; here it is at whatever
-frequency is given, which changes the beam's amplitude (`moving_mass`). The Complex Model is the soft-contact simulation,
-continued from height to height, on whose impacts and trajectory the criteria of optimal grain motion (equations 4.1 to
-4.5) are judged.
+frequency is given, which changes the beam's amplitude (`moving_mass`). The Complex Model is the soft-contact
+simulation, continued from height to height, on whose impacts and trajectory the criteria of optimal grain motion
+(equations 4.1 to 4.5) are judged.
 """
 
 import math

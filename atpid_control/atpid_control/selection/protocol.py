@@ -23,7 +23,6 @@ class Excitation:
     frequency: float = math.nan  # [Hz], NaN: that of the scene
 
     def __post_init__(self) -> None:
-        """Raise SelectionError."""
         stays, amplitude, std = "the ceiling stays", self.amplitude, self.amplitude_std
         if not (math.isfinite(amplitude) and amplitude > 0.0):
             raise SelectionError(f"amplitude: given {amplitude:g}; allowed is a number above 0; {stays}")
@@ -93,7 +92,6 @@ class HeightSelector(Protocol):
 
     Who adds one implements `method`, `simulates` and `select`, and names a function `(scene, height map or None) ->
     selector` in the entry-point group `atpid.selectors`; `violations` is its contract test.
-
 
     A method that selects at other frequencies than the scene's has `frequencies`, the lowest and the highest of them
     [Hz]; one without is asked for heights at the scene's alone (`frequency_tolerance` of selector.yaml).

@@ -66,13 +66,7 @@ def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     return AnyFrequency(selector, scene)
 
 
-METHODS: dict[str, Factory] = {
-    "lookup": _lookup,
-    "pca": _pca,
-    "direct": _direct,
-    "search": _search,
-    "fixed": _fixed,
-}
+METHODS: dict[str, Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
 
 
 def plug_ins() -> dict[str, EntryPoint]:

@@ -299,3 +299,13 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
 def program() -> Path:
     """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
     return built(Path(found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
+
+
+def enclave_of(node: str) -> str:
+    """Return the enclave, by whose key and certificate a node is known, of a node of this name."""
+    return f"/atpid/{node}"
+
+
+def enclave_arguments(node: str) -> list[str]:
+    """Return what follows `--ros-args` for it; without security it has no effect."""
+    return ["--enclave", enclave_of(node)]

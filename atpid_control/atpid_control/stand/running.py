@@ -24,9 +24,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from atpid_common.injected_faults import RECORDER, Injected
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.parameters import BenchError, Parameters, PlantFailedError
-from atpid_control.stand.parts import EXCITER, PARTS, REAL_TIME_PARTS, Part, added_part
+from atpid_control.stand.parts import EXCITER, PARTS, REAL_TIME_PARTS, Part, added_part, enclave_arguments
 from atpid_control.stand.processes import Processes
-from atpid_control.stand.security import enclave_arguments
 
 #: Between two looks whether a run that was sent to the background is in the foreground again [s].
 _AGAIN = 0.2

@@ -91,7 +91,7 @@ class Situation:
 
     state: RunState
     permit: bool  # the motor may be armed, and may move
-    stop: bool  # the motor is to be switched off at once, and stays off
+    stop: bool  # the motor is to be disarmed at once, and stays so until it is armed again
     reason: str  # one line; empty: ready
 
 

@@ -49,7 +49,6 @@ class CampaignWatch(BenchWatch):
     """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Subscribe and publish; nothing is commanded yet."""
         super().__init__(to_stderr, **node_options)
         self.received: deque[Any] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
