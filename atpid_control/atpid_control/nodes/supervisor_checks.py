@@ -106,7 +106,7 @@ class QuantityWatch:
 
     def __init__(self, limits: AbortLevels, contact: tuple[float, float], on_passed: Callable[[Passed], None]) -> None:
         """Take the levels; contact: threshold [m/s^2] and dead time [s]; on_passed: called with each level passed."""
-        self._limits, self._on_passed = limits, on_passed
+        self.limits, self._on_passed = limits, on_passed
         self._contacts, self._on_time = ContactRate(*contact), OnTime()
         self._latest: dict[str, float] = {}
 
@@ -116,9 +116,9 @@ class QuantityWatch:
         data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
         for column, name in enumerate(names):
             values = data[:, column]
-            if self._limits.limited(name):
+            if self.limits.limited(name):
                 self._take(name, sustained(values) if name in SMOOTH else largest(values), now)
-            if name == ACCELERATION and self._limits.limited("contact_rate"):
+            if name == ACCELERATION and self.limits.limited("contact_rate"):
                 self._take("contact_rate", self._contacts.push(block.first_index, block.rate, values), now)
 
     def on_motor(self, on: bool, now: float) -> None:
@@ -127,11 +127,7 @@ class QuantityWatch:
 
     def still_above(self) -> tuple[str, ...]:
         """Return the aborted quantities that are above their abort level still."""
-        return self._limits.still_above(self._latest)
-
-    def rearm(self) -> None:
-        """Clear all aborts."""
-        self._limits.rearm()
+        return self.limits.still_above(self._latest)
 
     def values(self) -> dict[str, object]:
         """Return the latest of each quantity that is limited, for diagnostics."""
@@ -139,6 +135,6 @@ class QuantityWatch:
 
     def _take(self, name: str, value: float, now: float) -> None:
         self._latest[name] = value
-        passed = self._limits.update(name, value, now)
+        passed = self.limits.update(name, value, now)
         if passed is not None:
             self._on_passed(passed)

@@ -201,7 +201,7 @@ class SupervisorNode(Node):
         text = self._rearm_refusal(answers, stops)
         response.success = not text
         if not text:
-            self._quantities.rearm()
+            self._quantities.limits.rearm()
             self._publish(time.monotonic())
             response.success, text = await self._motor.arm()
             text += f"; {EXCITER}/rearm arms the exciter" if response.success and self._exciter else ""
