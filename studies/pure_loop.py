@@ -16,7 +16,7 @@ from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import HeightCommand, LoopAnswer
 from atpid_control.loop.rumble import RumbleWatch
 from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import ControlledCeiling, Scene

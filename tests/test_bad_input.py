@@ -15,8 +15,7 @@ from graph_runs import parameters
 from atpid_control.cli import main
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.errors import PlantFailedError
-from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parameters import PlantFailedError, write_parameters
 from atpid_control.stand.parts import PARTS
 from atpid_control.stand.running import run_lockstep
 from atpid_sim.maps import HeightMap

@@ -14,7 +14,7 @@ from documented import OPTION, ROOT, Piece, anchors, commands, exists, files, li
 
 from atpid_common.cli import Parser, full_parser
 from atpid_control.cli import commands as installed
-from atpid_control.stand.launching.arguments import check_names
+from atpid_control.stand.launching.options import check_names
 from studies.cli import COMMANDS as STUDIES
 from studies.figures.scenes import key_lists
 

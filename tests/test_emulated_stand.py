@@ -35,8 +35,7 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.errors import NodeDiedError
-from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parameters import NodeDiedError, write_parameters
 from atpid_control.stand.parts import NODES
 from atpid_control.stand.processes import Processes
 from atpid_control.stand.running import commands_of

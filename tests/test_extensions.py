@@ -12,9 +12,9 @@ import pytest
 from atpid_common.cli import GROUP
 from atpid_common.testing import install
 from atpid_control import cli
-from atpid_control.stand import added
-from atpid_control.stand.added import EXCITER, AddedPart, added_part, is_installed, table_of
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
+from atpid_control.stand.parts import EXCITER, AddedPart, added_part, is_installed, table_of
+from atpid_control.stand.parts import GROUP as NODES_GROUP
 
 
 def brought(root: Path, name: str = "extensions") -> dict[str, str]:
@@ -42,7 +42,7 @@ def test_a_command_that_is_not_installed_is_answered_with_its_package(
 
 def test_the_core_has_the_package_of_every_node_of_an_extension(root: Path) -> None:
     names = {path.parent.name for path in root.glob("extensions/*/package.xml")}
-    parts = [added_part(name) for name in {entry.name for entry in metadata.entry_points(group=added.GROUP)}]
+    parts = [added_part(name) for name in {entry.name for entry in metadata.entry_points(group=NODES_GROUP)}]
     assert {part.part.name: part.part.package for part in parts if part.part.package in names} == brought(root, "nodes")
     assert {row.name for row in table_of(EXCITER)} >= {"backend", "supervised", "highest_amplitude"}
 
@@ -51,7 +51,7 @@ def test_a_commanded_excitation_that_no_package_puts_out_is_answered_with_its_pa
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     added_part.cache_clear()  # what raises is not kept
-    monkeypatch.setattr(added, "entry_points", lambda **_: ())
+    monkeypatch.setattr("atpid_control.stand.parts.entry_points", lambda **_: ())
     scene = (root / "scenes/stand_realtime.yaml").read_text()
     commanded = "excitation: {commanded: true, amplitude: 0.01, frequency: 5.4}"
     (tmp_path / "scene.yaml").write_text(re.sub(r"^excitation:.*(\n .*)*", commanded, scene, flags=re.MULTILINE))
@@ -73,7 +73,7 @@ def test_what_a_package_adds_has_to_be_a_part_and_one_alone(tmp_path: Path, monk
         ("valve_node = with_a_number:none", "with_a_number:none cannot be loaded"),
         (f"{EXCITER} = with_a_number:PART", "in several packages"),
     ):
-        install(tmp_path, monkeypatch, f"[{added.GROUP}]\n{entry}\n", with_a_number="PART = 1")
+        install(tmp_path, monkeypatch, f"[{NODES_GROUP}]\n{entry}\n", with_a_number="PART = 1")
         with pytest.raises(BenchError, match=text):
             added_part(entry.partition(" ")[0])
     with pytest.raises(BenchError, match="no installed package has pump_node"):

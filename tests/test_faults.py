@@ -26,7 +26,7 @@ from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWa
 from atpid_control.runs.check import check
 from atpid_control.runs.recover import recover
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.errors import NodeDiedError
+from atpid_control.stand.parameters import NodeDiedError
 from atpid_sim.plant.stream import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
 from atpid_sim.system import Array

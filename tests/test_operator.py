@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES
 from atpid_common.testing import repeated_after_a_halt, wait_for
-from atpid_control.nodes.operator_requests import OperatorRequests
+from atpid_control.nodes.live_node import OperatorRequests
 from atpid_control.stand.domain import own_domain
 from atpid_control.views.live.requests import read_request
 from atpid_driver.emulator import Emulator

@@ -21,9 +21,9 @@ from atpid_control.cli import main
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.nodes import policy
+from atpid_control.stand.nodes.policy import OPERATOR, Rights
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.running import commands_of, run_realtime
-from atpid_control.stand.security import OPERATOR, Rights
 from atpid_lab.traces.server import Server, ServerError
 
 #: Height the intruder commands [m]; the scene's own heights are others.

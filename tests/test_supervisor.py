@@ -17,8 +17,7 @@ from node_graph import NodeGraph
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT
 from atpid_control.runs.read import open_bag
-from atpid_control.stand.errors import NodeDiedError
-from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parameters import NodeDiedError, write_parameters
 from atpid_control.stand.parts import SUPERVISOR
 from atpid_control.stand.processes import NodeProcess, Processes
 from atpid_control.stand.running import PLAIN, command_of, commands_of

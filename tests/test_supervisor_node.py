@@ -35,7 +35,7 @@ from std_srvs.srv import Trigger
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
 from atpid_common.testing import repeated_after_a_halt
-from atpid_control.nodes.operator_requests import OperatorRequests
+from atpid_control.nodes.live_node import OperatorRequests
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_control.views.live.requests import read_request
 from atpid_driver.nodes.motor_node import MotorNode

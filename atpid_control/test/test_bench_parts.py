@@ -25,9 +25,8 @@ from atpid_control.runs.run import open_run
 from atpid_control.runs.topics import BLOCK, DEFAULT, parse
 from atpid_control.stand import outdir, parts
 from atpid_control.stand.domain import is_quiet, own_domain
-from atpid_control.stand.errors import BenchError, NodeDiedError
 from atpid_control.stand.nodes import composition
-from atpid_control.stand.parameters import parameters_in, write_parameters
+from atpid_control.stand.parameters import BenchError, NodeDiedError, parameters_in, write_parameters
 from atpid_control.stand.processes import Processes
 from atpid_control.stand.summary import real_time_factor
 from atpid_control.views.report.latency import STAGES, latency_of, summary_line

@@ -17,12 +17,10 @@ from test_hold import ANYWHERE, INSIDE, SETTINGS, Twin, steady
 
 from atpid_common.vocabulary import Severity
 from atpid_control.identification import Quality
-from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.controller import ProfileController, SelectingController
+from atpid_control.loop.controller import ControlSettings, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import UNSETTLED, UNSETTLED_COUNT, HoldSettings
-from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
-from atpid_control.loop.step_back import StepBack
+from atpid_control.loop.hold import UNSETTLED, UNSETTLED_COUNT, HoldSettings, StepBack
+from atpid_control.loop.protocol import HeightCommand, InlineExecutor, LoopAnswer, threaded
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
 

@@ -23,9 +23,9 @@ from std_msgs.msg import Empty
 
 from atpid_common.testing import PATIENCE
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.computation import threaded
+from atpid_control.loop.protocol import threaded
+from atpid_control.nodes.action_servers import MapServer, summary_of
 from atpid_control.nodes.height_services import HeightServices
-from atpid_control.nodes.map_server import MapServer, summary_of
 from atpid_control.selection import Excitation, HeightSelector, make_selector
 from atpid_control.selection.checks import Resonance
 from atpid_control.selection.protocol import Selection
@@ -232,7 +232,7 @@ def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
         raise ZeroDivisionError("a defect")
 
     with monkeypatch.context() as patched:
-        patched.setattr("atpid_control.nodes.map_server.build_map", defective)
+        patched.setattr("atpid_control.nodes.action_servers.build_map", defective)
         status, result = maps.answer(maps.ask(tmp_path / "map.npz", [0.01, 0.02]))
     assert status == GoalStatus.STATUS_ABORTED
     assert result.message.endswith("ZeroDivisionError: a defect")

@@ -11,14 +11,15 @@ from pathlib import Path
 import pytest
 
 from atpid_control.cli import commands
-from atpid_control.stand.launching.arguments import (
+from atpid_control.stand.launching.options import (
+    OPTIONS,
     LaunchArgumentError,
     arguments_of,
     check_names,
     is_asked_for,
+    namespace,
     words_of,
 )
-from atpid_control.stand.launching.options import OPTIONS, namespace
 
 COMMANDS = {name: place for group in commands().values() for name, (place, _) in group.items()}
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,7 +81,7 @@ def test_arguments_of_an_including_launch_file_are_none_of_ours() -> None:
 def test_the_arguments_need_the_standard_library_only() -> None:
     """`ros2 launch` runs in the Python of the ROS installation, without the project's requirements."""
     sources = f"{ROOT / 'atpid_interfaces/atpid_common'}:{ROOT / 'atpid_control'}"
-    command = [sys.executable, "-S", "-c", "import atpid_control.stand.launching.arguments"]
+    command = [sys.executable, "-S", "-c", "import atpid_control.stand.launching.options"]
     environment = {"PYTHONPATH": sources, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

@@ -13,8 +13,7 @@ from atpid_common.errors import InputError
 from atpid_control.cli import main
 from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import emulated
-from atpid_control.stand.errors import BenchError
-from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
+from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters, write_parameters
 from atpid_control.stand.parts import NAMES, PARTS, REAL_TIME_PARTS, parameters_for
 from atpid_control.stand.running import RosOptions, commands_of
 from atpid_sim.scene import Scene, load_scene

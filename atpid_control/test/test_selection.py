@@ -19,11 +19,10 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.selection import METHODS, Excitation, HeightSelector, Selection, SelectionError, make_selector
 from atpid_control.selection.by_rms import Realisation, least_rms
 from atpid_control.selection.checks import HeightRequest, Resonance, resolved
-from atpid_control.selection.complex_model import ComplexModel, judge
+from atpid_control.selection.direct import without_collection
 from atpid_control.selection.pca import PcaSelector, tune
-from atpid_control.selection.predictive import Impact, response_lag, simplified
+from atpid_control.selection.pca_models import ComplexModel, Impact, judge, response_lag, simplified
 from atpid_control.selection.protocol import violations
-from atpid_control.selection.workers import without_collection
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height, build_map
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping, standard_bench

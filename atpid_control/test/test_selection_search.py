@@ -28,7 +28,7 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.protocol import HeightCommand
 from atpid_control.loop.search_run import SearchRun
-from atpid_control.nodes.search_server import SearchServer
+from atpid_control.nodes.action_servers import SearchServer
 from atpid_control.selection.protocol import Excitation, Selection
 from atpid_control.selection.search import Plan, SearchError, SearchSelector, StepSearch
 from atpid_sim.plant.plant import Plant

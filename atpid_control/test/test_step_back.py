@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.loop.hold import HoldError
-from atpid_control.loop.step_back import StepBack, StepBackMonitor
+from atpid_control.loop.hold import HoldError, StepBack, StepBackMonitor
 
 SETTINGS = StepBack(share=0.06, settle=4, count=3, excess=0.15, memory=0.05)
 LOWEST = 0.017

@@ -11,10 +11,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_common.vocabulary import RunState
-from atpid_control.supervision.answers import NodeLiveness, SupervisionError
-from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, PassedLevel
-from atpid_control.supervision.quantities import ContactRate, OnTime, largest, sustained
-from atpid_control.supervision.states import Supervision
+from atpid_control.supervision.limits import (
+    QUANTITIES,
+    AbortLevels,
+    ContactRate,
+    Levels,
+    OnTime,
+    PassedLevel,
+    largest,
+    sustained,
+)
+from atpid_control.supervision.states import NodeLiveness, Supervision, SupervisionError
 
 NODES = ("identifier_node", "selector_node", "motor_node")
 NEEDED = NODES[:2]

@@ -13,9 +13,9 @@ from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_common.folders import share_folder
 from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.margin import MarginBox
 from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.protocol import Excitation
-from atpid_control.selection.uncertain import MarginBox
 from atpid_sim.display import working
 from atpid_sim.figure_style import LIGHT, WIDTH, drawn
 from atpid_sim.maps import DamperResponse, HeightMap, Timing

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.loop.step_back import DECAY, DECAY_SPAN
+from atpid_control.loop.hold import DECAY, DECAY_SPAN
 from atpid_control.selection.map_cache import amplitudes_of
 from atpid_control.stand.parameters import Parameters
 from atpid_control.stand.parts import NODES

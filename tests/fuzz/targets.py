@@ -28,8 +28,7 @@ from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.run import open_run
 from atpid_control.runs.support import support_series
 from atpid_control.runs.verify import survey, verify
-from atpid_control.stand.launching.arguments import arguments_of, check_names, words_of
-from atpid_control.stand.launching.options import OPTIONS
+from atpid_control.stand.launching.options import OPTIONS, arguments_of, check_names, words_of
 from atpid_control.stand.parameters import read_parameters
 from atpid_control.stand.parts import NAMES
 from atpid_control.stand.replay_files import write_replay_files

@@ -17,12 +17,9 @@ from sim_refusals import has_parts, refused
 
 from atpid_control.loop.settings import selector_of
 from atpid_control.selection import Excitation, SelectionError, make_selector
-from atpid_control.selection.deadline import Deadline, OutOfTimeError
-from atpid_control.selection.direct import DirectSelector, guaranteed
-from atpid_control.selection.margin import Robust, robust_height
-from atpid_control.selection.predictive import simplified
-from atpid_control.selection.uncertain import MarginBox, points, systems_of
-from atpid_control.selection.workers import SelectionThreads
+from atpid_control.selection.direct import Deadline, DirectSelector, OutOfTimeError, SelectionThreads, guaranteed
+from atpid_control.selection.margin import MarginBox, Robust, points, robust_height, systems_of
+from atpid_control.selection.pca_models import simplified
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing, WindowResponse, best_height
 from atpid_sim.maps.ratings import Approach

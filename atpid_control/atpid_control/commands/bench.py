@@ -25,9 +25,8 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page, outdir
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
-from atpid_control.stand.errors import BenchError
 from atpid_control.stand.launching.options import add_bench as add_arguments
-from atpid_control.stand.parameters import Parameters, read_parameters, write_parameters
+from atpid_control.stand.parameters import BenchError, Parameters, read_parameters, write_parameters
 from atpid_control.stand.parts import NAMES, exciter_of, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
 from atpid_control.stand.running import Commands, RosOptions, commands_of, run_lockstep, run_realtime, shown

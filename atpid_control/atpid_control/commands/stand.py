@@ -18,8 +18,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.part import Part
-from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, devices_of, stand_parameters, usual_parameters
+from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, Part, devices_of, stand_parameters, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES

@@ -17,7 +17,7 @@ from atpid_sim.kernel import share_cache
 from atpid_sim.system import Array
 
 #: The modules with compiled functions.
-KERNELS = ("choice", "coloured", "columns", "covariance", "drifting", "linear", "sine_fit")
+KERNELS = ("choice", "columns", "covariance", "linear", "sine_fit")
 #: Columns are independent where this share of each is left beside the others [-].
 LEAST_PIVOT = 1e-11
 F = TypeVar("F", bound=Callable[..., object])

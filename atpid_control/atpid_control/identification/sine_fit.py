@@ -14,8 +14,7 @@ import numpy as np
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import HARMONICS_FROM, Flags, best_group, chosen_columns, without_spikes
 from atpid_control.identification.choice import foreign_residual as foreign
-from atpid_control.identification.covariance import CHANGE, FOREIGN, OK, RESULTS, USED, WIDENED, report
-from atpid_control.identification.drifting import follow_drift
+from atpid_control.identification.covariance import CHANGE, FOREIGN, OK, RESULTS, USED, WIDENED, follow_drift, report
 from atpid_control.identification.linear import compiled, least_squares
 from atpid_sim.system import Array
 

@@ -11,14 +11,75 @@ import numpy as np
 
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.computation import InlineExecutor
-from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
-from atpid_control.loop.fallback import Fallback
-from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, HoldDecision
-from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
+from atpid_control.loop.drift import DriftAlarm, DriftSettings, ModelCheck, Twin
+from atpid_control.loop.hold import (
+    NO_HEIGHT,
+    OFF_RESONANCE,
+    Hold,
+    HoldDecision,
+    HoldSettings,
+    StepBack,
+    StepBackMonitor,
+)
+from atpid_control.loop.protocol import HeightCommand, InlineExecutor, LoopAnswer
 from atpid_control.loop.search_run import SearchMode
-from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """Settings that may change while the loop runs."""
+
+    hold: HoldSettings
+    step_back: StepBack
+    drift: DriftSettings
+    margin: float  # standard deviations of the amplitude the height must be safe for [-]
+    fallback_count: int = 20  # estimates in a row without a height of the method, before the look-up answers
+
+
+class Fallback:
+    """When the method fails or is late the look-up answers in its place or, without a map, the hold.
+
+    Counts, without a clock, the estimates that ask for a height and get none from the method.
+    """
+
+    def __init__(self, method: str, selector: HeightSelector | None, count: int) -> None:
+        """Take the chosen method's name, what answers in its place (None: nothing does), and after how many."""
+        self.selector, self.count = selector, count
+        self._method, self._unanswered, self._announced = method, 0, False
+
+    @property
+    def active(self) -> bool:
+        """Whether the method is out of use until it answers in time again."""
+        return self._announced
+
+    def due(self) -> bool:
+        """Count an estimate that the method gave no height for; return whether the fallback is to act now."""
+        self._unanswered += 1
+        return self._announced or self._unanswered >= self.count
+
+    def answered(self, answer: LoopAnswer) -> LoopAnswer:
+        """Take a height that the method gave in time; return its answer, with an event where that is new."""
+        self._unanswered = 0
+        if not self._announced:
+            return answer
+        self._announced = False
+        return replace(
+            answer, kind=EventKind.FALLBACK, text=f"{self._method} gives heights in time again", severity=Severity.INFO
+        )
+
+    def not_asked(self) -> None:
+        """Take an estimate that asks for no height: what was counted is over."""
+        self._unanswered = 0
+
+    def announced(self, answer: LoopAnswer, amplitude: float, what: str) -> LoopAnswer:
+        """Return the answer that was given in the method's place, with an event the first time; amplitude [m]."""
+        if self._announced:
+            return answer
+        self._announced = True
+        text = f"{self._method} has given no height for {self._unanswered} estimates: {what}"
+        return replace(answer, kind=EventKind.FALLBACK, text=text, value=amplitude, severity=Severity.ALARM)
+
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3

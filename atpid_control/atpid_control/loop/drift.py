@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from atpid_common.errors import InputError
-from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.protocol import InlineExecutor
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
@@ -45,7 +45,6 @@ class DriftSettings:
     periods: float
 
     def __post_init__(self) -> None:
-        """Raise WatchError for what is not positive."""
         for name, given in vars(self).items():
             if not given > 0.0:
                 raise WatchError(f"{name}: given {given:g}; allowed: above 0")
@@ -95,7 +94,6 @@ class SteadyTwin:
     """Simulates the steady state of a scene's beam and damper, again only when something has changed."""
 
     def __init__(self, scene: Scene) -> None:
-        """Take the beam, damper and contact from `scene`."""
         self._scene = scene
         self._inputs = (math.nan, math.nan, math.nan)
         self._answer = math.nan

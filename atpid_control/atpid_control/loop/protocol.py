@@ -1,16 +1,27 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller of the ceiling takes and gives: its settings, and the answer to an estimate."""
+"""What the parts of the control loop share: the answer to an estimate, and where a long computation runs.
 
-from __future__ import annotations
+A computation longer than a few milliseconds runs inline or in a thread beside the loop; both are executors of
+`concurrent.futures`. Inline, a result is there when `submit` returns, so that a loop by stamps (lockstep, the pure
+loop) is the same every time. In a thread, the loop goes on and takes the result later. The compiled kernels release the
+interpreter lock; the thread has a lower priority than the loop, which preempts it.
+"""
 
 import math
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
 
 from atpid_common.vocabulary import Severity
-from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.step_back import StepBack
+
+P = ParamSpec("P")
+T = TypeVar("T")
+#: Nice value of a computing thread above that of the process: it still gets a third of a core beside a busy process.
+NICE = 5
 
 
 @dataclass(frozen=True)
@@ -36,12 +47,24 @@ class LoopAnswer:
     severity: int = Severity.WARNING
 
 
-@dataclass(frozen=True)
-class ControlSettings:
-    """Settings that may change while the loop runs."""
+class InlineExecutor(Executor):
+    """Runs each call in `submit` itself; the future returned is done."""
 
-    hold: HoldSettings
-    step_back: StepBack
-    drift: DriftSettings
-    margin: float  # standard deviations of the amplitude the height must be safe for [-]
-    fallback_count: int = 20  # estimates in a row without a height of the method, before the look-up answers
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run the call; an exception it raises is the future's."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def threaded(name: str) -> ThreadPoolExecutor:
+    """Return an executor of one thread called `name`: its calls run one after the other."""
+    return ThreadPoolExecutor(1, thread_name_prefix=name, initializer=lower_priority)
+
+
+def lower_priority() -> None:
+    """Lower the priority of the calling thread; on Linux a nice value belongs to a thread."""
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + NICE, 19))

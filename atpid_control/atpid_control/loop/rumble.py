@@ -35,7 +35,6 @@ class RumbleSettings:
     least_amplitude: float  # a smaller response is not judged [m]
 
     def __post_init__(self) -> None:
-        """Raise WatchError for settings without hysteresis."""
         limits = {
             "onset": (self.onset, 0.0 < self.onset < 1.0, "between 0 and 1"),
             "calm": (self.calm, 0.0 < self.calm <= self.onset, "above 0 and at most onset"),

@@ -118,7 +118,7 @@ class SearchMode:
         self.run: SearchRun | None = None
         self._selected = 0  # sequence number of the selection that the search replaced
         self._issued = 0  # commands of searches
-        self._target = self._stopped_at = math.nan
+        self._target = self._held_at = math.nan
 
     def begin(self, plan: Plan) -> SearchRun:
         """Start a search; raise SearchError where one runs already or the plan leaves the ceiling's range."""
@@ -163,14 +163,14 @@ class SearchMode:
         return replace(answer, command=replace(command, sequence=command.sequence + self._issued))
 
     def _searching(self, run: SearchRun, command: HeightCommand, height: float) -> HeightCommand:
-        target = run.search.target if not run.done or run.success else self._halt(height)
+        target = run.search.target if not run.done or run.success else self._held_height(height)
         if target != self._target:
             self._target, self._issued = target, self._issued + 1
         reason = run.message or f"search: height {run.search.iterations + 1}"
         return replace(command, height=target, predicted_amplitude=math.nan, method="search", reason=reason)
 
-    def _halt(self, height: float) -> float:
+    def _held_height(self, height: float) -> float:
         """Where a search that ended without a result leaves the ceiling: where it stood then [m]."""
-        if math.isnan(self._stopped_at) or self._stopped_at != self._target:
-            self._stopped_at = height
-        return self._stopped_at
+        if math.isnan(self._held_at) or self._held_at != self._target:
+            self._held_at = height
+        return self._held_at

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from atpid_control import identification
-from atpid_control.loop.controller import Controller, ProfileController, SelectingController
+from atpid_control.loop.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings, SteadyTwin
-from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import ControlSettings
+from atpid_control.loop.hold import HoldSettings, StepBack
 from atpid_control.loop.rumble import RumbleSettings
-from atpid_control.loop.step_back import StepBack
 from atpid_control.selection import HeightSelector, Options, make_selector
 from atpid_control.selection.protocol import reach_of
 from atpid_sim.scene import Scene

@@ -23,8 +23,12 @@ from atpid_interfaces.msg import (
     SupervisorState,
 )
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import TOPIC as DIAGNOSTICS
@@ -32,11 +36,94 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Entry, declare
-from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.selection.registry import methods
 from atpid_control.views.live.address import HOST, PORT, TOKEN, address_of, require_library
+from atpid_control.views.live.requests import HoldRequest, MethodRequest, Note, Plain, Request
 from atpid_control.views.live.view import LiveView
 from atpid_sim.scene import load_scene
+
+Answer = Callable[[tuple[bool, str]], None]
+MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
+EXCITER, ARM_EXCITER = "excitation_node/stop", "excitation_node/rearm"
+#: Services (std_srvs/Trigger) of each request, all of which are called. A stop is latched in the supervisor and reaches
+#: the drives at once: whether they are off they confirm themselves, and the supervisor where there is none of them.
+TRIGGERED = {
+    "stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (ARM_EXCITER,),
+}  # fmt: skip
+#: How the page names a drive, and what arms it there.
+DRIVES = {MOTOR: ("motor", "Arm again"), EXCITER: ("exciter", "Arm exciter")}
+SELECTOR = "selector_node"
+
+
+class OperatorRequests:
+    """Calls the services; `do` may be called from any thread, the answers come while the node spins."""
+
+    def __init__(self, node: Node, events: EventPublisher) -> None:
+        self._node, self._events = node, events
+        names = {name for triggered in TRIGGERED.values() for name in triggered}
+        self._triggers = {name: node.create_client(Trigger, name) for name in names}
+        self._set = node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
+
+    def do(self, request: Request, answer: Answer) -> None:
+        """Do a request; `answer` is called once, with success and one line."""
+        if isinstance(request, Note):
+            self._events.publish(Event.INFO, Event.NOTE, request.text)
+            answer((True, f"noted: {request.text}"))
+        elif isinstance(request, HoldRequest):
+            done = "the ceiling is held" if request.on else "the controller goes on"
+            self._set_parameter("hold", request.on, done, answer)
+        elif isinstance(request, MethodRequest):
+            self._set_parameter("method", request.name, f"{SELECTOR}: method is {request.name}", answer)
+        else:
+            self._trigger(request, answer)
+
+    def _trigger(self, request: Plain, answer: Answer) -> None:
+        names = TRIGGERED[request.do]
+        ready = [name for name in names if self._triggers[name].service_is_ready()]
+        if not ready:
+            nodes = " and ".join(name.partition("/")[0] for name in names)
+            answer((False, f"{nodes}: not in the graph; nothing was done"))
+            return
+        answering = [name for name in ready if name != SUPERVISOR] or ready
+        outcomes: list[tuple[bool, str]] = []
+
+        def answered(name: str, future: Future) -> None:
+            outcomes.append(_outcome(future, partial(_in_words, name)))
+            if len(outcomes) == len(answering):
+                answer((all(success for success, _ in outcomes), "; ".join(text for _, text in outcomes)))
+
+        for name in ready:
+            future = self._triggers[name].call_async(Trigger.Request())
+            if name in answering:
+                future.add_done_callback(partial(answered, name))
+
+    def _set_parameter(self, name: str, value: bool | str, done: str, answer: Answer) -> None:
+        if not self._set.service_is_ready():
+            answer((False, f"{SELECTOR}: not in the graph; nothing was done"))
+            return
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+
+        def answered(future: Future) -> None:
+            answer(_outcome(future, lambda found: (found.results[0].successful, found.results[0].reason or done)))
+
+        self._set.call_async(request).add_done_callback(answered)
+
+
+def _in_words(service: str, found: Any) -> tuple[bool, str]:
+    """Return success and one line of an answer; of a drive that is stopped in the words of the page."""
+    if service not in DRIVES:
+        return bool(found.success), str(found.message)
+    drive, arms = DRIVES[service]
+    if found.success:
+        return True, f"{drive} off, confirmed by the {service.partition('/')[0]}; {arms} arms it"
+    return False, f"{drive} off is not confirmed: use the emergency stop ({found.message})"
+
+
+def _outcome(future: Future, read: Callable[[Any], tuple[bool, str]]) -> tuple[bool, str]:
+    if future.exception() is not None:
+        return False, f"no answer: {future.exception()}"
+    return read(future.result())
+
 
 PARAMETERS = (
     Entry("scene", "", "scene file, for the efficiency and the size of the grain; empty: neither is shown"),

@@ -35,13 +35,12 @@ from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
 from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
+from atpid_control.loop.controller import ControlSettings
+from atpid_control.loop.protocol import HeightCommand, InlineExecutor, LoopAnswer, threaded
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
+from atpid_control.nodes.action_servers import MapServer, SearchServer
 from atpid_control.nodes.height_services import HeightServices
-from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.parameter_tables import selector_table
-from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.messages import scene_given
@@ -149,10 +148,7 @@ class SelectorNode(Node):
     def _configure(self, settings: tuple[ControlSettings, float]) -> None:
         self._controller.configure(settings[0])
         self._supervision.stale.timeout = settings[1]
-        self._make_another()
-
-    def _make_another(self) -> None:
-        """Make the controller of another method where one was chosen, beside the loop, which goes on by the last."""
+        # another method that was chosen is made beside the loop, which goes on by the last one
         wanted = self.parameters["method"] or self._scene.ceiling.controller or self._method
         if self._making is None and wanted != self._method:
             self._making = wanted, self._request_executor.submit(self._made_for, wanted)

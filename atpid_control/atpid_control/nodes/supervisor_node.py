@@ -29,14 +29,11 @@ from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import RunState
-from atpid_control.nodes.loop_checker import LoopChecker
-from atpid_control.nodes.motor_requests import EXCITER, MOTOR, DeviceRequests, MotorRequests
-from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
-from atpid_control.nodes.quantity_watch import QuantityWatch
-from atpid_control.supervision.answers import Change, NodeLiveness
+from atpid_control.nodes.supervisor_checks import LoopChecker, QuantityWatch
+from atpid_control.nodes.supervisor_requests import EXCITER, MOTOR, DeviceRequests, MotorRequests, NodeQuestions
 from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, Passed, PassedLevel
-from atpid_control.supervision.states import Situation, Supervision
+from atpid_control.supervision.states import Change, NodeLiveness, Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.
 TURN = 0.05
@@ -204,7 +201,7 @@ class SupervisorNode(Node):
         text = self._rearm_refusal(answers, stops)
         response.success = not text
         if not text:
-            self._quantities.rearm()
+            self._quantities.limits.rearm()
             self._publish(time.monotonic())
             response.success, text = await self._motor.arm()
             text += f"; {EXCITER}/rearm arms the exciter" if response.success and self._exciter else ""

@@ -1,26 +1,159 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Direct selection: the whole range of heights simulated, from the state the damper is in, in less than a period."""
+"""Direct selection: the whole range of heights simulated, from the state the damper is in, in less than a period.
+
+The calling thread and helpers share the jobs: the next one free takes the next job. By a deadline, runs are begun only
+while there is enough of it left for one.
+"""
+
+from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cached_property, partial
+from itertools import count
+from typing import Any, Generic, TypeVar
 
 from atpid_control.selection.checks import response_at
-from atpid_control.selection.deadline import Deadline, OutOfTimeError
-from atpid_control.selection.margin import IRREGULAR, Robust, robust_height
+from atpid_control.selection.margin import IRREGULAR, MarginBox, Robust, UncertainSystem, robust_height, systems_of
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
-from atpid_control.selection.uncertain import MarginBox, UncertainSystem, systems_of
-from atpid_control.selection.workers import SelectionThreads, without_collection
 from atpid_sim.maps import FROM_CLOSED, Best, DamperResponse, Timing, best_height, travelled
-from atpid_sim.maps.ratings import FLAT
+from atpid_sim.maps.ratings import FLAT, Mapper
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.quantities import efficiency
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+_OPEN: Any = object()
+
+
+class _Batch(Generic[Job, Answer]):
+    """Jobs in work."""
+
+    def __init__(self, work: Callable[[Job], Answer], jobs: list[Job]) -> None:
+        self._work, self.jobs, self._next = work, jobs, count()
+        self._answers: list[Any] = [_OPEN] * len(jobs)
+
+    def take(self) -> None:
+        """Do jobs until all have been begun; `next` of a count is one step of the interpreter."""
+        while (k := next(self._next)) < len(self.jobs):
+            self._do(k)
+
+    def answers(self) -> list[Answer]:
+        """Return all answers in the order of the jobs; raise the first error.
+
+        What a helper has begun and not finished is done again here: on a busy machine the helper may have to wait for
+        its processor, and the answer is the same.
+        """
+        for k in range(len(self.jobs)):
+            if self._answers[k] is _OPEN:
+                self._do(k)
+        for answer in self._answers:
+            if isinstance(answer, Exception):
+                raise answer
+        return self._answers
+
+    def _do(self, k: int) -> None:
+        try:
+            self._answers[k] = self._work(self.jobs[k])
+        except Exception as error:  # raised by `answers`, in the calling thread
+            self._answers[k] = error
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Postpone the collection of cyclic garbage: a full one takes 60 to 150 ms, longer than a selection.
+
+    Where several threads do so at once, the first to begin ends it for all: then one selection may be late, no more.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+class SelectionThreads:
+    """Threads for a selection; `map` is a `Mapper` whose jobs may be done twice, so they must not change anything."""
+
+    def __init__(self, number: int) -> None:
+        """Take the number of threads, the calling one among them."""
+        self._helpers = max(number - 1, 0)
+        self._pool = ThreadPoolExecutor(self._helpers) if self._helpers else None
+
+    def __enter__(self) -> SelectionThreads:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        if self._pool:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def map(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> list[Answer]:
+        """Return the answer to each job, in order. Jobs that take long should come first."""
+        batch = _Batch(work, list(jobs))
+        if self._pool:
+            for _ in range(min(self._helpers, len(batch.jobs) - 1)):
+                self._pool.submit(batch.take)
+        batch.take()
+        return batch.answers()
+
+
+class OutOfTimeError(Exception):
+    """A computation was ended, since its share of the time had passed."""
+
+
+class Deadline:
+    """A time from now on."""
+
+    def __init__(self, seconds: float) -> None:
+        """Take the time [s]; math.inf: there is no deadline. Raises SelectionError for an invalid one."""
+        if not seconds > 0.0:
+            raise SelectionError(f"deadline: given {seconds:g} s; allowed is a time above 0 s")
+        self.seconds, self._begun = seconds, time.monotonic()
+        self._asked = self._longest = 0.0  # when it was asked for last, and the longest time between two questions [s]
+
+    @property
+    def spent(self) -> float:
+        """Time since the beginning [s]."""
+        return time.monotonic() - self._begun
+
+    def passed(self, share: float = 1.0) -> bool:
+        """Whether a share of the time has passed."""
+        return self.spent > share * self.seconds
+
+    def near(self, share: float) -> bool:
+        """Whether a share of the time will have passed after one more step, asked before every step.
+
+        A step is taken to last as long as the longest so far: on a busy machine most of it is waiting for a processor.
+        """
+        now = self.spent
+        self._longest, self._asked = max(self._longest, now - self._asked), now
+        return now + self._longest > share * self.seconds
+
+    def limited(self, mapper: Mapper, share: float) -> Mapper:
+        """Return a mapper that raises OutOfTimeError in place of the first job near a share of the time."""
+        if math.isinf(self.seconds):
+            return mapper
+
+        def limited_mapper(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterable[Any]:
+            def in_time(job: Any) -> Any:
+                if self.near(share):
+                    raise OutOfTimeError
+                return work(job)
+
+            return mapper(in_time, jobs)
+
+        return limited_mapper
+
 
 #: Tolerance of the complete runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-5
@@ -43,11 +176,7 @@ class DirectSelector:
     method, simulates = "direct", True
 
     def __init__(
-        self,
-        scene: Scene,
-        uncertainty: MarginBox | None = None,
-        workers: int | None = None,
-        deadline: float = math.inf,
+        self, scene: Scene, uncertainty: MarginBox | None = None, workers: int | None = None, deadline: float = math.inf
     ) -> None:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled.
 

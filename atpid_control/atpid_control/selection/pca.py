@@ -8,8 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from atpid_control.selection.checks import response_at
-from atpid_control.selection.complex_model import ComplexModel
-from atpid_control.selection.predictive import simplified
+from atpid_control.selection.pca_models import ComplexModel, simplified
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure

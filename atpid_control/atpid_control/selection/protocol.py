@@ -23,7 +23,6 @@ class Excitation:
     frequency: float = math.nan  # [Hz], NaN: that of the scene
 
     def __post_init__(self) -> None:
-        """Raise SelectionError."""
         stays, amplitude, std = "the ceiling stays", self.amplitude, self.amplitude_std
         if not (math.isfinite(amplitude) and amplitude > 0.0):
             raise SelectionError(f"amplitude: given {amplitude:g}; allowed is a number above 0; {stays}")

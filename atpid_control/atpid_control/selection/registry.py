@@ -47,7 +47,7 @@ def _pca(scene: Scene, _height_map: Path | None, options: Options) -> HeightSele
 
 def _direct(scene: Scene, _height_map: Path | None, options: Options) -> HeightSelector:
     from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.uncertain import MarginBox
+    from atpid_control.selection.margin import MarginBox
 
     box = MarginBox(stiffness=options.stiffness_uncertainty)
     return _at_any_frequency(DirectSelector(scene, box, deadline=options.deadline), scene)
@@ -61,18 +61,12 @@ def _search(scene: Scene, _height_map: Path | None, _options: Options) -> Height
 
 def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     """Return a method that simulates as one that stays closed where the damper is of no use, at any frequency."""
-    from atpid_control.selection.any_frequency import AnyFrequency
+    from atpid_control.selection.checks import AnyFrequency
 
     return AnyFrequency(selector, scene)
 
 
-METHODS: dict[str, Factory] = {
-    "lookup": _lookup,
-    "pca": _pca,
-    "direct": _direct,
-    "search": _search,
-    "fixed": _fixed,
-}
+METHODS: dict[str, Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
 
 
 def plug_ins() -> dict[str, EntryPoint]:

@@ -29,7 +29,6 @@ class Plan:
     highest: float  # [m]
 
     def __post_init__(self) -> None:
-        """Raise SearchError for an impossible plan."""
         if not (self.step > 0.0 and math.isfinite(self.step)):
             raise SearchError(f"step: given {self.step:g} m; allowed is a number above 0")
         if not (self.dwell > 0.0 and math.isfinite(self.dwell)):
@@ -78,7 +77,6 @@ class SearchSelector:
     method, simulates = "search", True
 
     def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
-        """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
         self._scene, self._plan = scene.with_(initial=None), plan
         self._damper = DamperResponse(scene)
         self._limits = scene.height_limits

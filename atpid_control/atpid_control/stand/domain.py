@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from itertools import count
 
 from atpid_common.middleware import HIGHEST_DOMAIN, claimed
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
 
 #: Domains whose ports lie below Linux's ephemeral range, without 0, the default.
 LOWEST, HIGHEST = 1, 101

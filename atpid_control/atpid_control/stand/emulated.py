@@ -12,16 +12,16 @@ import math
 from pathlib import Path
 
 from atpid_common.injected_faults import CEILING, LINK
-from atpid_control.stand.added import EXCITER, added_part
-from atpid_control.stand.errors import BenchError
-from atpid_control.stand.parameters import Parameters, combined
+from atpid_control.stand.parameters import BenchError, Parameters, combined
 from atpid_control.stand.parts import (
+    EXCITER,
     FEED,
     LABJACK,
     NODES,
     PARTS,
     SERIAL_MOTOR,
     SUPERVISOR,
+    added_part,
     ceiling_parameters,
     exciter_of,
     own_parameters,

@@ -93,7 +93,6 @@ class FaultyRecorder(RecorderNode):
     """The recorder, whose file is on such a disk."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Take the faults from the scene. Raises what the recorder does."""
         super().__init__(**node_options)
         scene = load_scene(Path(self._values["scene"]))
         self._faults = [fault for fault in scene.injected if fault.part in RECORDER]

@@ -98,8 +98,7 @@ class Subject:
     @cached_property
     def parameters(self) -> Parameters:
         """What the devices' nodes and the supervisor would start with. Raises AtpidError."""
-        from atpid_control.stand.errors import BenchError
-        from atpid_control.stand.parameters import combined
+        from atpid_control.stand.parameters import BenchError, combined
         from atpid_control.stand.parts import SUPERVISOR, devices_of
 
         usual = {part.name: part.configured() for part in (*devices_of(self.options), SUPERVISOR)}
@@ -119,7 +118,7 @@ class Subject:
 
         Raises DriverError for an invalid one, BenchError where one is missing.
         """
-        from atpid_control.stand.errors import BenchError
+        from atpid_control.stand.parameters import BenchError
 
         values, own = self.parameters[node], fields(kind)  # type: ignore[arg-type]
         try:
@@ -146,7 +145,7 @@ def _problem(node: str, name: str, value: Any) -> str:
     from atpid_common.nodes.node_main import PARAMETERS
     from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
     from atpid_control.nodes.recorder_parameters import OF_RCLPY
-    from atpid_control.stand.added import EXCITER, table_of
+    from atpid_control.stand.parts import EXCITER, table_of
     from atpid_driver.nodes import motor_interface
 
     own = {

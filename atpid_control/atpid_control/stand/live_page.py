@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from atpid_control.stand.part import Part
-from atpid_control.stand.parts import LIVE
+from atpid_control.stand.parts import LIVE, Part
 from atpid_control.views.live.address import HOST, PORT, LiveError, prepared, require_library
 
 

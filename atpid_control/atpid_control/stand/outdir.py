@@ -11,7 +11,7 @@ from pathlib import Path
 
 from atpid_common import middleware
 from atpid_common.output import writing
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
 
 #: Written first: marks a folder of the bench.
 MARKER = "bench.json"

@@ -10,9 +10,21 @@ from typing import Any
 import yaml
 
 from atpid_common import files
-from atpid_common.errors import did_you_mean
-from atpid_control.stand.errors import BenchError
+from atpid_common.errors import InputError, NumericalError, did_you_mean
 from atpid_sim.scene.yaml12 import read_yaml
+
+
+class BenchError(InputError):
+    """The bench cannot run as asked; the message is one line: why, and what to do."""
+
+
+class NodeDiedError(BenchError):
+    """A node ended before the run did."""
+
+
+class PlantFailedError(NumericalError):
+    """The simulated plant failed numerically; the message is the plant's own."""
+
 
 Parameters = dict[str, dict[str, Any]]
 

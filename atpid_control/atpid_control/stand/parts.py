@@ -1,22 +1,141 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Which nodes the bench consists of, and the parameters each starts with."""
+"""Which nodes a run consists of, and the parameters each starts with.
+
+A package of its own may bring a node by an entry point of the group `atpid.nodes`, of the node's name: the core has
+such a node's topics, supervises it and says when it is part of a run; its package has the executable, the parameter
+file, and what a run sets in it. Entry points are read only where a run has such a node: that takes 0.1 s.
+"""
+
+from __future__ import annotations
 
 import argparse
+import json
 import math
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
+from atpid_common.cli import load
+from atpid_common.errors import one_line
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
-from atpid_control.stand.added import EXCITER, added_part
-from atpid_control.stand.parameters import Parameters, combined
-from atpid_control.stand.part import Part, built, found
+from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters
 from atpid_sim.scene import Scene
+
+if TYPE_CHECKING:
+    from atpid_common.nodes.parameters import Entry
+
+
+@dataclass(frozen=True)
+class Part:
+    """One node of the graph: an executable of a package, and its parameter file.
+
+    That is one of the package, or a user's, by its absolute path; "": it has none.
+    """
+
+    package: str
+    name: str
+    config: str
+
+    @property
+    def executable(self) -> Path:
+        """What `ros2 run` starts; raises BenchError where the workspace is not built."""
+        return built(Path(found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
+
+    @property
+    def config_file(self) -> Path:
+        """Its parameter file; raises BenchError where the workspace is not built."""
+        return Path(found(get_package_share_directory, self.package)) / "config" / self.config
+
+    def configured(self) -> dict[str, Any]:
+        """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
+        return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
+
+
+def built(path: Path) -> Path:
+    """Return a path of the workspace; raise BenchError where it is not built."""
+    if not path.exists():
+        raise BenchError(f"{path} is missing: build the workspace with `make setup`")
+    return path
+
+
+def found(where: Any, package: str) -> str:
+    """Return what the function `where` finds of a package; raise BenchError where the package is not on the path."""
+    try:
+        return str(where(package))
+    except (PackageNotFoundError, OSError):
+        raise BenchError(f"package {package} is not on the path: `make setup`, then `. ros2_ws/activate`") from None
+
+
+#: Group of the entry points; the name of one is the name of its node, its value an `AddedPart`.
+GROUP = "atpid.nodes"
+#: The node that puts out an excitation that is commanded: from `excitation/command` to `excitation/state`.
+EXCITER = "excitation_node"
+#: The package that brings a node, by the node's name: of extensions of this project, installed or not.
+_BROUGHT_BY = Path(__file__).parents[1] / "data" / "nodes.json"
+
+Values = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class AddedPart:
+    """A node that a package adds to bench and stand, and what a run sets in it.
+
+    table: the node's parameters, rows of `atpid_common.nodes.parameters`, as "module:name".
+    simulated: returns what the simulated bench sets in it for a scene.
+    emulated: returns what the emulated stand sets in it, and in feed_node, which passes its output on to the plant:
+    for the scene, a folder for files, and what is set already, by `simulated` and by the user.
+    """
+
+    part: Part
+    table: str
+    simulated: Callable[[Scene], Values]
+    emulated: Callable[[Scene, Path, Mapping[str, Any]], tuple[Values, Values]]
+
+
+@cache
+def added_part(name: str) -> AddedPart:
+    """Return the node of this name. Raises BenchError: no installed package has it, several do, or it does not load."""
+    found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
+    if len(found) != 1:
+        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else missing(name))
+    (entry,) = found.values()
+    try:
+        part = entry.load()
+    except Exception as error:  # the package's own code, which may fail in any way
+        raise BenchError(f"{name} of {entry.value} cannot be loaded: {one_line(str(error))}") from error
+    if not isinstance(part, AddedPart):
+        raise BenchError(f"{name} of {entry.value} is a {type(part).__name__}: it must be an {AddedPart.__name__}")
+    return part
+
+
+def is_installed(name: str) -> bool:
+    """Return whether a package has the node of this name; nothing is imported."""
+    return bool(entry_points(group=GROUP, name=name))
+
+
+def missing(name: str) -> str:
+    """Return the line on a node that no installed package has: which package brings it."""
+    brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
+    if name not in brought:
+        return f"no installed package has {name}"
+    return (
+        f"{name} comes with the package {brought[name]}, which is not installed: "
+        f"colcon build --packages-select {brought[name]}, or `make setup`"
+    )
+
+
+def table_of(name: str) -> tuple[Entry, ...]:
+    """Return the parameters of a node that a package adds. Raises BenchError as `added_part` does."""
+    table: tuple[Entry, ...] = load(added_part(name).table)
+    return table
+
 
 #: Speed of a ceiling for which no speed is given: the standard bench's [m/s].
 _USUAL_SPEED = 0.3
@@ -180,3 +299,13 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
 def program() -> Path:
     """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
     return built(Path(found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
+
+
+def enclave_of(node: str) -> str:
+    """Return the enclave, by whose key and certificate a node is known, of a node of this name."""
+    return f"/atpid/{node}"
+
+
+def enclave_arguments(node: str) -> list[str]:
+    """Return what follows `--ros-args` for it; without security it has no effect."""
+    return ["--enclave", enclave_of(node)]

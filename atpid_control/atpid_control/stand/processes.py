@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.stand.errors import BenchError, NodeDiedError
+from atpid_control.stand.parameters import BenchError, NodeDiedError
 from atpid_driver.clock import time_base_ns
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].

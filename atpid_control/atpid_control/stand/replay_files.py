@@ -13,8 +13,7 @@ from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.metadata import SCENE, commit_of
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.stand.parameters import Parameters, parameters_in, write_parameters
-from atpid_control.stand.part import Part
-from atpid_control.stand.parts import NODES
+from atpid_control.stand.parts import NODES, Part
 
 PARAMETER_FILE = "parameters.yaml"
 #: There is no motor: the ceiling's state comes from the bag as well.

@@ -7,10 +7,13 @@ Only nodes/ imports rclpy; it is imported when a run begins, so that this module
 
 import argparse
 import math
+import os
+import select
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,14 +23,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.injected_faults import RECORDER, Injected
 from atpid_common.waiting import to_stderr
-from atpid_control.stand.added import EXCITER, added_part
-from atpid_control.stand.errors import BenchError, PlantFailedError
-from atpid_control.stand.parameters import Parameters
-from atpid_control.stand.part import Part
-from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS
+from atpid_control.stand.parameters import BenchError, Parameters, PlantFailedError
+from atpid_control.stand.parts import EXCITER, PARTS, REAL_TIME_PARTS, Part, added_part, enclave_arguments
 from atpid_control.stand.processes import Processes
-from atpid_control.stand.security import enclave_arguments
-from atpid_control.stand.stop_key import stop_key
 
 
 @contextmanager
@@ -192,3 +190,49 @@ def run_realtime(
             raise PlantFailedError(watch.failure or last.reason())
         if last.status != 0:
             nodes.check(except_for="")
+
+
+#: Between two looks whether a run that was sent to the background is in the foreground again [s].
+_AGAIN = 0.2
+
+
+@contextmanager
+def stop_key(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop`, in another thread, at each Enter; without a terminal there is no key, and nothing is announced.
+
+    A thread, so that no other work delays it.
+    """
+    if not _in_foreground():
+        yield
+        return
+    to_stderr("Enter stops the motor; Ctrl-C ends the run")
+    end, ended = os.pipe()
+    thread = threading.Thread(target=_wait, args=(end, stop), name="stop key", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        os.close(ended)
+        thread.join()
+        os.close(end)
+
+
+def _in_foreground() -> bool:
+    """Whether standard input is a terminal that belongs to this process now: another one must not read it."""
+    with suppress(OSError, ValueError, AttributeError):  # no standard input at all
+        return os.isatty(sys.stdin.fileno()) and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    return False
+
+
+def _wait(end: int, stop: Callable[[], None]) -> None:
+    terminal = sys.stdin.fileno()
+    while True:
+        watched = [end, terminal] if _in_foreground() else [end]
+        ready, _, _ = select.select(watched, [], [], _AGAIN)
+        if end in ready:
+            return
+        if terminal in ready and _in_foreground():
+            with suppress(OSError):
+                if not os.read(terminal, 4096):
+                    return  # closed
+            stop()

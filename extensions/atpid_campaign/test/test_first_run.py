@@ -25,7 +25,7 @@ from atpid_control.cli import main as atpid
 from atpid_control.commands import bench, stand
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
-from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import BenchError
 from atpid_driver.emulator import PACKAGES, missing_tools
 from atpid_sim.scene import Scene, load_scene
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from atpid_control.stand.added import EXCITER, AddedPart
-from atpid_control.stand.part import Part
+from atpid_control.stand.parts import EXCITER, AddedPart, Part
 from atpid_sim.scene import Scene
 
 #: Output of the stand-in NI module.

@@ -62,7 +62,7 @@ from std_srvs.srv import Trigger
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES
 from atpid_common.testing import wait_for
-from atpid_control.nodes.operator_requests import OperatorRequests
+from atpid_control.nodes.live_node import OperatorRequests
 from atpid_control.views.live.requests import Plain
 from atpid_driver.standins import build
 

@@ -20,7 +20,7 @@ from atpid_common.nodes.messages import time_of
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
-from atpid_control.stand.errors import NodeDiedError
+from atpid_control.stand.parameters import NodeDiedError
 
 F = 5.4
 SCENE = Path(__file__).resolve().parents[3] / "scenes/stand_realtime.yaml"

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.map_cache import map_for
 from atpid_control.selection.pca import PcaSelector
-from atpid_control.selection.predictive import simplified
+from atpid_control.selection.pca_models import ComplexModel, simplified
 from atpid_control.selection.protocol import Excitation, Selection
 from atpid_control.selection.search import Plan, SearchSelector
 from atpid_control.views.report.stages import WINDOW, constant_intervals

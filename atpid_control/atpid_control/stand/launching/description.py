@@ -13,7 +13,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.events.process import ProcessExited
 
 from atpid_common.errors import AtpidError
-from atpid_control.stand.launching.arguments import Argument, arguments_of, check_names, is_asked_for, words_of
+from atpid_control.stand.launching.options import Argument, arguments_of, check_names, is_asked_for, words_of
 
 PACKAGE = "atpid_control"
 #: The command begins with signals blocked, so that Ctrl-C while Python starts is neither lost nor a traceback, and is

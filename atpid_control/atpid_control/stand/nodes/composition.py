@@ -31,7 +31,7 @@ from atpid_common.nodes.node_main import PARAMETERS, command_node, initialise
 from atpid_common.nodes.parameters import refuse_undeclared
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.stand.errors import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.stand.parameters import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 QUIET = ["--ros-args", "--disable-stdout-logs"]
@@ -222,7 +222,7 @@ class BenchWatch(Node):
         self._events.publish(Event.ALARM, Event.SUPERVISION, text)
 
     def stop_motor(self) -> None:
-        """Ask for the motor to be switched off, from any thread; the answers are printed while it spins."""
+        """Ask for motor and exciter to be disarmed, from any thread; the answers are printed while it spins."""
         ready = [client for client in self._stops if client.service_is_ready()]
         if not ready:
             to_stderr("no motor node and no supervisor yet: there is nothing to stop")

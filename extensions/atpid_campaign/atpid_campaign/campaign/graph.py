@@ -19,12 +19,19 @@ from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
 from atpid_control.selection.map_cache import map_for
-from atpid_control.stand.added import EXCITER, added_part
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
-from atpid_control.stand.errors import BenchError
-from atpid_control.stand.parameters import Parameters, combined, write_parameters
-from atpid_control.stand.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, stand_parameters, usual_parameters
+from atpid_control.stand.parameters import BenchError, Parameters, combined, write_parameters
+from atpid_control.stand.parts import (
+    EXCITER,
+    LABJACK,
+    NODES,
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    added_part,
+    stand_parameters,
+    usual_parameters,
+)
 from atpid_control.stand.processes import NodeProcess, Processes
 from atpid_control.stand.running import PLAIN, Commands, command_of, commands_of
 from atpid_driver.emulator import missing_tools
@@ -57,7 +64,7 @@ class GraphStand(Stand):
 
     def __init__(self, campaign: Campaign, scene: Scene, point: Point, folder: Path) -> None:
         """Start it with a point's grain and wait for the first estimate. Raises BenchError, NodeDiedError."""
-        from atpid_control.stand.nodes.campaign_watch import taking_part
+        from atpid_campaign.campaign.watch import taking_part
 
         self._campaign, self._scene = campaign, scene
         self._logs = folder / "log"

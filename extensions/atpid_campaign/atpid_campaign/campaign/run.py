@@ -19,7 +19,7 @@ from atpid_campaign.campaign.result import measured
 from atpid_campaign.campaign.stands import Stand
 from atpid_common.waiting import to_stderr
 from atpid_control.runs.errors import BagError
-from atpid_control.stand.errors import PlantFailedError
+from atpid_control.stand.parameters import PlantFailedError
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Progress
 

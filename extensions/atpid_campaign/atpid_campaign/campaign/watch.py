@@ -34,8 +34,8 @@ from atpid_common.nodes.messages import EVENTS, STATES, STATUS, STEADY
 from atpid_common.nodes.node_main import command_node
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import to_stderr
-from atpid_control.stand.errors import BenchError
 from atpid_control.stand.nodes.composition import QUIET, BenchWatch
+from atpid_control.stand.parameters import BenchError
 
 #: Between two commands of the excitation, which stops where none comes [s].
 _PERIOD = 0.2
@@ -49,7 +49,6 @@ class CampaignWatch(BenchWatch):
     """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Subscribe and publish; nothing is commanded yet."""
         super().__init__(to_stderr, **node_options)
         self.received: deque[Any] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()

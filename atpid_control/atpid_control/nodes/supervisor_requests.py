@@ -1,19 +1,81 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services of motor and exciter, by which the supervisor stops and arms them, and reports what they confirm."""
+"""What the supervisor asks: each node whether it answers, motor and exciter to stop and to arm.
+
+A node whose executor hangs does not reply to a standard service: a lifecycle node is asked for its state, another one
+for no parameters at all.
+"""
 
 from __future__ import annotations
 
+import os
+import time
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from atpid_interfaces.msg import CeilingState
 from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.handshake import Question
 from atpid_common.nodes.messages import STEADY
+from atpid_control.supervision.states import NodeLiveness
+
+#: Between two questions [s].
+PERIOD = 0.1
+LIFECYCLE_NODES = ("motor_node", "excitation_node", "labjack_node", "ni_node")
+
+
+class NodeQuestions:
+    """Asks all nodes, one question at a time to each."""
+
+    def __init__(self, node: Node, answers: NodeLiveness) -> None:
+        self._node, self._answers = node, answers
+        self._questions = [self._question(name) for name in answers.nodes]
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        self._claims = {name: f"@atpid/{domain}{node.resolve_service_name(name)}" for name in answers.nodes}
+        self._seen: set[str] = set()
+
+    def ask(self, now: float) -> None:
+        """Ask every node whose turn it is at the steady time `now` [s]."""
+        for question, request in self._questions:
+            question.ask(request, now, PERIOD)
+
+    def ended(self) -> set[str]:
+        """Return the nodes whose processes have run on this machine and have ended, by the names that they claim."""
+        running = self._running()
+        self._seen |= running
+        return self._seen - running
+
+    def runs_here(self, name: str) -> bool:
+        """Return whether a node has a process on this machine, which has got so far as to claim its name."""
+        return name in self._running()
+
+    def _running(self) -> set[str]:
+        claims = set(Path("/proc/net/unix").read_text(errors="replace").split())
+        return {name for name, claim in self._claims.items() if claim in claims}
+
+    def in_words(self, name: str) -> str:
+        """Return what a silent node does, in words: whether its process has ended or only does not answer."""
+        if name in self.ended():
+            return "has ended, and does not answer"
+        return (
+            "does not answer" if name in self._seen else "runs on another machine, or not at all, and does not answer"
+        )
+
+    def _question(self, name: str) -> tuple[Question, Any]:
+        kind, service = (GetState, "get_state") if name in LIFECYCLE_NODES else (GetParameters, "get_parameters")
+        client = self._node.create_client(kind, f"{name}/{service}")
+        return Question(client, partial(self._answered, name)), kind.Request()
+
+    def _answered(self, name: str, _answer: Any) -> None:
+        self._answers.answered(name, time.monotonic())
+
 
 MOTOR, EXCITER = "motor_node", "excitation_node"
 #: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
@@ -32,12 +94,11 @@ class DeviceRequests:
     """Its methods wait without blocking: they are for callbacks of a reentrant group. Times are steady."""
 
     def __init__(self, node: Node, name: str) -> None:
-        """Make the clients of the node `name`."""
         self._node, self._name, self._clock = node, name, STEADY
         self._stop = node.create_client(Trigger, f"{name}/stop")
 
     async def stop(self) -> str:
-        """Switch it off. Return why that is not confirmed, one line; empty: the device has confirmed it."""
+        """Disarm it. Return why that is not confirmed, one line; empty: the device has confirmed it."""
         answer = await self._answer(self._stop, Trigger.Request(), _STOP)
         if answer is None:
             return f"{self._name} does not answer"
@@ -77,7 +138,6 @@ class MotorRequests(DeviceRequests):
     """Those of the motor, whose state shows whether it is armed."""
 
     def __init__(self, node: Node) -> None:
-        """Make the clients."""
         super().__init__(node, MOTOR)
         self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
         self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
