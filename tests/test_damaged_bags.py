@@ -36,7 +36,7 @@ from atpid_control.runs.playback import load_playback
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover
 from atpid_control.runs.run import open_run
-from atpid_control.runs.segments import LONGEST_GAP, Segments
+from atpid_control.runs.source import LONGEST_GAP, Segments
 from atpid_control.stand.summary import stage_table, summary_of, write_summary
 from atpid_control.views.report.page import page
 from atpid_control.views.report.picture import save_pictures

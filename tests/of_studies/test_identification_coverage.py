@@ -15,7 +15,7 @@ from studies.identification.analysis_coverage import friction_named, orders_held
 from studies.time_base import sweep_held
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, frequency_response
-from atpid_control.analysis.local_response import passes_once
+from atpid_control.analysis.frequency_response import passes_once
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency
 from atpid_sim.scene import standard_bench

@@ -186,7 +186,7 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     # here, so that the run itself does not wait for the drawing libraries
     from atpid_control.runs.run import open_run
     from atpid_control.stand.summary import show, summary_of, write_summary
-    from atpid_control.views.report.make import write_report
+    from atpid_control.views.report.page import write_report
     from atpid_control.views.report.view import view_of
 
     with working("reading the bag, repeating its stages by simulation"):

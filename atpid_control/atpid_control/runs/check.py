@@ -22,11 +22,10 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs import check_rules as rules
 from atpid_control.runs.check_rules import Findings
-from atpid_control.runs.contents import kind_of
-from atpid_control.runs.decode import Decoder
+from atpid_control.runs.decode import Decoder, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
+from atpid_control.runs.read import kind_of
 from atpid_control.runs.records import bag_records
 from atpid_control.runs.writer import LIBRARY
 from atpid_sim.plant.stream import last_stamp_ns

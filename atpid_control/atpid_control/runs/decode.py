@@ -122,6 +122,16 @@ def is_handshake(data: bytes) -> bool:
     return data[1:2] == b"\x01" and data[place : place + 1] == b"\x01"
 
 
+def scans_of(block: Any) -> int:
+    """Return how many scans a SampleBlock or PlantTruth has."""
+    return len(block.support) if hasattr(block, "support") else len(block.data) // len(block.channels)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp in the header of a decoded message [ns]."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
 class Converter:
     """Serialises messages of one type anew. `missing`: fields the bag does not have, which keep their defaults;
     `moved`: those it has as `header.frame_id`; `dropped`: fields of the bag the installed type does not have.

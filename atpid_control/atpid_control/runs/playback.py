@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.vocabulary import DRIVES
-from atpid_control.runs.cdr import block_shape
-from atpid_control.runs.cdr import stamp as stamp_in
-from atpid_control.runs.contents import kind_of
 from atpid_control.runs.decode import Converter
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.read import Bag, kind_of, open_bag
 from atpid_control.runs.run import Run
 from atpid_control.runs.tables import STAMP
-from atpid_control.runs.topics import BLOCK
+from atpid_control.runs.topics import BLOCK, block_shape
+from atpid_control.runs.topics import stamp as stamp_in
 
 #: The channels of the identifier: each block that has one is answered once.
 _ANSWERED = {drive.channel for drive in DRIVES.values()}
