@@ -3,7 +3,7 @@
 """The results of an analysis: rows of a table in words, for terminal and report, and the panels of its picture."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -96,8 +96,12 @@ _NOISE = 3.0
 def panels(found: Analysis) -> Panels:
     """Return the panels of an analysis."""
     last = _decay if found.orders is None else _orders
-    rows = ((_traces, _densities), (_sizes, _phases), (_coherence, last))
-    return [[partial(drawer, found=found) for drawer in row] for row in rows]
+    traces, densities, end = (partial(drawer, found=found) for drawer in (_traces, _densities, last))
+    sizes, phases, coherence = (
+        partial(_of_response, found=found, title=title, drawer=drawer)
+        for title, drawer in (("Frequency response", _sizes), ("Phase of H1", _phases), ("Coherence", _coherence))
+    )
+    return [[traces, densities], [sizes, phases], [coherence, end]]
 
 
 def _traces(ax: Any, found: Analysis) -> None:
@@ -121,16 +125,13 @@ def _densities(ax: Any, found: Analysis) -> None:
         ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
-    ax.set(xlim=(0.0, _highest(found)), ylim=(_DECADES * top, 3.0 * top), title=title)
+    # eight times the median power's frequency: beyond it the response has nothing to show
+    total = np.cumsum(found.spectra[1].density[1:])
+    lines = found.spectra[1].frequency
+    end = min(lines[-1], 8.0 * lines[int(np.searchsorted(total, 0.5 * total[-1])) + 1])
+    ax.set(xlim=(0.0, end), ylim=(_DECADES * top, 3.0 * top), title=title)
     units = dict.fromkeys(reversed(found.signals.units))
     ax.set(xlabel="frequency [Hz]", ylabel=" and ".join(f"{unit}²/Hz" for unit in units))
-
-
-def _highest(found: Analysis) -> float:
-    """Return up to which frequency the response has anything to show: eight times its median power [Hz]."""
-    total = np.cumsum(found.spectra[1].density[1:])
-    place = int(np.searchsorted(total, 0.5 * total[-1])) + 1
-    return float(min(found.spectra[1].frequency[-1], 8.0 * found.spectra[1].frequency[place]))
 
 
 def _excited(response: FrequencyResponse) -> tuple[float, float]:
@@ -145,11 +146,14 @@ def _absent(ax: Any, title: str, reason: str) -> None:
     ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, fontsize=9, transform=ax.transAxes)
 
 
-def _sizes(ax: Any, found: Analysis) -> None:
-    response, title = found.response, "Frequency response"
-    if response is None:
+def _of_response(ax: Any, found: Analysis, title: str, drawer: Callable[[Any, str, FrequencyResponse], None]) -> None:
+    if found.response is None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
-        return
+    else:
+        drawer(ax, title, found.response)
+
+
+def _sizes(ax: Any, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     logarithmic(ax)
     ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
@@ -168,22 +172,14 @@ def _sizes(ax: Any, found: Analysis) -> None:
     ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
 
 
-def _phases(ax: Any, found: Analysis) -> None:
-    response, title = found.response, "Phase of H1"
-    if response is None:
-        _absent(ax, title, found.skipped.get("frequency_response", ""))
-        return
+def _phases(ax: Any, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     for chosen, colour in ((shown, LIGHT.given_text), (trusted, "C0")):
         ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
     ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
 
 
-def _coherence(ax: Any, found: Analysis) -> None:
-    response, title = found.response, "Coherence"
-    if response is None:
-        _absent(ax, title, found.skipped.get("frequency_response", ""))
-        return
+def _coherence(ax: Any, title: str, response: FrequencyResponse) -> None:
     shown = response.excited
     ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")

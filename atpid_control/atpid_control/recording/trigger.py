@@ -124,7 +124,8 @@ class PreTrigger:
             self.fired = self._look(one, shape)
             pre = round(self.trigger.pre * 1e9)
             self._limit_ns = (last if self.fired is None else self.fired.time_ns) - pre
-            self._forget()
+            while self._held and self._held[0].last_ns < self._limit_ns:
+                self._drop()
         if self.fired is None:
             return []
         kept = [*self._states, *self._held]
@@ -147,11 +148,6 @@ class PreTrigger:
         self._bytes += len(one.data) + _OVERHEAD
         while self._bytes > self.trigger.memory and len(self._held) > 1:
             self._dropped_ns = self._held[0].last_ns
-            self._drop()
-
-    def _forget(self) -> None:
-        """Drop what ended before the pre-trigger time."""
-        while self._held and self._limit_ns is not None and self._held[0].last_ns < self._limit_ns:
             self._drop()
 
     def _drop(self) -> None:

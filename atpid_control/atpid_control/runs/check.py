@@ -65,7 +65,7 @@ class _Check:
         self.foreign = False  # recorded by another program, which keeps no result
         self.finished_ns: int | None = None
         self._ceiling: rules.CeilingWithinLimits | None = None
-        self._injected: tuple[Injected, ...] = ()  # the faults that the run had on purpose
+        self._injected: tuple[Injected, ...] = ()  # on purpose: what they alone explain is no finding
         #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
         self._unordered: list[tuple[str, int, str, int, Any]] | None = None
 
@@ -83,17 +83,13 @@ class _Check:
                 scene = scene_from_mapping(read_yaml(data.decode(), name), source=name, folder=self.path)
                 if scene.ceiling.controlled:
                     self.limits.narrow(*scene.ceiling.range, scene.ceiling.speed)
-                self._expect(scene.injected)
+                self._injected = scene.injected
+                if any(fault.part == "clock" for fault in scene.injected):
+                    self._unordered, self.answers.shared_stamps = [], True
             elif name.endswith((".yaml", ".yml")):
                 self._of_node(parse_yaml(data))
         except (AtpidError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
-
-    def _expect(self, faults: tuple[Injected, ...]) -> None:
-        """Take the faults that the run had on purpose: what they alone explain is no finding."""
-        self._injected = faults
-        if any(fault.part == "clock" for fault in faults):
-            self._unordered, self.answers.shared_stamps = [], True
 
     def _of_node(self, document: Any) -> None:
         for key, block in document.items() if isinstance(document, Mapping) else ():

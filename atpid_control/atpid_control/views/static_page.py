@@ -12,7 +12,7 @@ from itertools import chain
 from typing import Any
 
 from atpid_sim.figure_numbers import Panels, legend_below
-from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, style
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,8 @@ def document(title: str, parts: Iterable[str], css: str = "") -> str:
 
 def colours() -> str:
     """Return the colours of both schemes as CSS."""
-    light, dark = (_variables(palette) for palette in (LIGHT, DARK))
+    light, dark = ("".join(f"--{name}:{value};" for name, value in asdict(one).items()) for one in (LIGHT, DARK))
     return f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
-
-
-def _variables(palette: Palette) -> str:
-    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
 
 
 def style_sheet() -> str:

@@ -46,14 +46,10 @@ def page(view: View) -> str:
     # a closing tag inside the text would end the script element
     data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     code = {"colours": colours(), "style": style_sheet(), "figures": data, "library": get_plotlyjs(),
-            "script": _data("page.js")}  # fmt: skip
+            "script": files(__package__).joinpath("data", "page.js").read_text(encoding="utf-8")}  # fmt: skip
     pages = Environment(loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined,
                         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # fmt: skip
     return pages.get_template("report.html").render(contents(view, analysis) | code)
-
-
-def _data(name: str) -> str:
-    return files(__package__).joinpath("data", name).read_text(encoding="utf-8")
 
 
 def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:

@@ -162,7 +162,9 @@ def _measure(run: Run, closed: Array | None, interval: tuple[float, float], wind
     estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
     spread = again.spread if again else None
     repetitions = [value for value in (*(spread or ()), amplitude) if math.isfinite(value)]
-    bare = _bare(run.scene, t0)
+    bare = math.nan
+    if (scene := run.scene) is not None:
+        bare = scene.linear_amplitude(amplitude_at(scene, t0), frequency_at(scene, t0), grain=False)
     return Stage(
         t0=t0,
         t1=t1,
@@ -179,13 +181,6 @@ def _measure(run: Run, closed: Array | None, interval: tuple[float, float], wind
         reproducible=again.reproducible if again else None,
         amplitude_spread=(min(repetitions), max(repetitions)) if spread else None,
     )
-
-
-def _bare(scene: Scene | None, time: float) -> float:
-    """Return the amplitude [m] of the structure without the damper, at the excitation of a time [s] in the run."""
-    if scene is None:
-        return math.nan
-    return scene.linear_amplitude(amplitude_at(scene, time), frequency_at(scene, time), grain=False)
 
 
 def _commanded(run: Run, end: float) -> float:
