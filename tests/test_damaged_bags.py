@@ -29,8 +29,7 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.errors import InputError
 from atpid_control.cli import main
 from atpid_control.runs.check import check
-from atpid_control.runs.decode import Decoder
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import Decoder, message_type
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.playback import load_playback
 from atpid_control.runs.read import open_bag

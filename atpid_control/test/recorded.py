@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.cli import main
 from atpid_control.recording.session import RecordingSession
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.topics import DEFAULT, Topic, parse, stamp
 from atpid_control.runs.writer import BagWriter

@@ -22,8 +22,7 @@ from rosbags.highlevel import AnyReader
 
 from atpid_control.cli import main
 from atpid_control.recording.session import StampOrder
-from atpid_control.runs.decode import is_handshake
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import is_handshake, message_type
 from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.read import open_bag

@@ -174,15 +174,8 @@ class _Check:
             self.findings.add("end", "there is no answered block in this bag")
         events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]
         lost = sum(stream.lost for stream in self.scans.values())
-        return Checked(
-            self.path,
-            self.findings.lines(),
-            dict(self.findings.counts),
-            events,
-            lost,
-            self.answers.answered,
-            self._line(lost),
-        )
+        found, answered = self.findings, self.answers.answered
+        return Checked(self.path, found.lines(), dict(found.counts), events, lost, answered, self._line(lost))
 
     def _line(self, lost: int) -> str:
         ceiling, limits = self.ceiling, self.limits

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common.vocabulary import DRIVES
-from atpid_control.runs.decode import Converter
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import Converter, message_type
 from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.read import Bag, kind_of, open_bag
 from atpid_control.runs.run import Run

@@ -22,7 +22,7 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, Mc
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from rosbags.typesys import Stores, get_typestore
 
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import SQLITE, find_parts
 

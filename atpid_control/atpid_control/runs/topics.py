@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import Schema
 
-from atpid_control.runs.decode import Decoder
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import Decoder, message_type
 from atpid_control.runs.errors import BagError, MessageError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"

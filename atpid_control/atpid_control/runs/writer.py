@@ -21,7 +21,7 @@ from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from atpid_control.runs import metadata
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, TopicSummary
 
@@ -348,6 +348,6 @@ class BagWriter:
             self._flush.abandon()
             self._sink.close()
             raise BagError(
-                f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "
+                f"{self.folder}: recording stopped after {self.summary.whole.count} messages, {in_words(error)}; "
                 f"then `atpid bag recover {self.folder}` makes a whole bag of it"
             ) from None

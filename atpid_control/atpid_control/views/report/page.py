@@ -20,10 +20,9 @@ from atpid_control.analysis.rows import rows, shown_unit
 from atpid_control.analysis.signals import AnalysisError, signals_of
 from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
-from atpid_control.views.report.comparison import Closed
 from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
-from atpid_control.views.report.stages import Printed, Stage, measured_decrement
+from atpid_control.views.report.stages import Closed, Printed, Stage, measured_decrement
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
 from atpid_control.views.static_page import colours, style_sheet
 from atpid_sim.scene import Scene
