@@ -140,8 +140,7 @@ def tone_of(values: Array, rate: float) -> float:
 def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int, float]:
     """Return amplitude exp(i phase) of each order (count,), the residual's root mean square, samples used, and offset.
 
-    By normal equations, piece by piece: sines and cosines over some periods are nearly orthogonal, and memory does not
-    grow with the record.
+    By normal equations, since sines and cosines over some periods are nearly orthogonal; piece by piece, for memory.
     """
     valid = np.flatnonzero(np.isfinite(values))
     pieces = _pieces(valid)
