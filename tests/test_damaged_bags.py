@@ -29,14 +29,13 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.errors import InputError
 from atpid_control.cli import main
 from atpid_control.runs.check import check
-from atpid_control.runs.decode import Decoder
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import Decoder, message_type
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.playback import load_playback
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover
 from atpid_control.runs.run import open_run
-from atpid_control.runs.segments import LONGEST_GAP, Segments
+from atpid_control.runs.source import LONGEST_GAP, Segments
 from atpid_control.stand.summary import stage_table, summary_of, write_summary
 from atpid_control.views.report.page import page
 from atpid_control.views.report.picture import save_pictures

@@ -64,7 +64,7 @@ def test_the_emulated_stand_damps_as_the_simulated_bench_does(
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")  # the bench claims one of its own
     report = SimpleNamespace(headline="", page="")  # no subject here, and dear
-    monkeypatch.setattr("atpid_control.views.report.make.write_report", lambda *_: report)
+    monkeypatch.setattr("atpid_control.views.report.page.write_report", lambda *_: report)
     changes, amplitude = SCENES[drive]
     changes = changes | {"duration": 6.0, "steady_window": [4.0, 6.0]}
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes)

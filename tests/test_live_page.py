@@ -26,7 +26,7 @@ from test_emulated_stand import Running
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from atpid_common.nodes.messages import doubles, time_of
-from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.decode import stamp_of
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.stand.domain import own_domain

@@ -31,7 +31,7 @@ COMMANDS: Commands = {
         "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
     },
     "Read, check and mend bags": {
-        "bag report": (f"{_CONTROL}.report", "make the report of a bag: an HTML page and pictures"),
+        "bag report": (f"{_CONTROL}.analyse:REPORT", "make the report of a bag: an HTML page and pictures"),
         "bag analyse": (f"{_CONTROL}.analyse", "frequency response, spectra, decrement and orders of a bag"),
         "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether the run in a bag kept its rules"),
         "bag verify": (f"{_CONTROL}.bag_files:VERIFY", "whether the file is whole: messages by topic, what is lost"),

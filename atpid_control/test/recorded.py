@@ -14,10 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.cli import main
 from atpid_control.recording.session import RecordingSession
-from atpid_control.runs import cdr
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.metadata import Qos, new_run
-from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_control.runs.topics import DEFAULT, Topic, parse, stamp
 from atpid_control.runs.writer import BagWriter
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import laser_of
@@ -110,7 +109,7 @@ def begin_bag(
     for topic in topics:
         writer.add_topic(topic, f"{PACKAGE}/{KINDS[topic]}")
     for number, (topic, data) in enumerate(messages, 1):
-        writer.write(topic, data, cdr.stamp(data), cdr.stamp(data))
+        writer.write(topic, data, stamp(data), stamp(data))
         if each and number % each == 0:
             writer.end_chunk()
     return writer

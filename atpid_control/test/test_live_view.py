@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_control.views.live.address import LiveError
-from atpid_control.views.live.efficiency import shares_of
 from atpid_control.views.live.requests import HoldRequest, Note, read_request
 from atpid_control.views.live.signals import LINES, RATE, WINDOW, LastSamples, highest, spectrum, thinned
+from atpid_control.views.live.state import shares_of
 from atpid_control.views.live.view import LiveView
 from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import load_scene

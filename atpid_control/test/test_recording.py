@@ -21,15 +21,13 @@ from recorded import LASER, Capture, begin_bag, block, in_one_line, make, record
 from rosbags.highlevel import AnyReader
 
 from atpid_control.cli import main
-from atpid_control.recording.order import StampOrder
-from atpid_control.runs.cdr import block_shape, event, stamp, truth_shape
-from atpid_control.runs.decode import is_handshake
-from atpid_control.runs.definitions import message_type
+from atpid_control.recording.session import StampOrder
+from atpid_control.runs.decode import is_handshake, message_type
 from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import repair
-from atpid_control.runs.topics import DEFAULT, parse
+from atpid_control.runs.topics import DEFAULT, block_shape, event, parse, stamp, truth_shape
 from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import BagWriter, Sink
 

@@ -24,15 +24,15 @@ from rosbags.rosbag2 import Reader
 from atpid_common.injected_faults import Injected
 from atpid_common.testing import PATIENCE
 from atpid_control.cli import main
+from atpid_control.recording.session import DiskWatch
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.flush import DiskWatch, Flush
 from atpid_control.runs.parts import MAGIC
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.records import LARGEST_CHUNK, inside
 from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.salvage import salvage
 from atpid_control.runs.verify import verify
-from atpid_control.runs.writer import BagWriter, Sink, Split
+from atpid_control.runs.writer import BagWriter, Flush, Sink, Split
 from atpid_control.stand.faulty_recorder import FaultySink
 
 SCANS = 5

@@ -24,10 +24,9 @@ from atpid_control.runs.writer import BagWriter
 from atpid_control.stand.outdir import MARKER
 from atpid_control.views.report import Stage, report
 from atpid_control.views.report.charts import thinned
-from atpid_control.views.report.comparison import closed_by_simulation, corners
 from atpid_control.views.report.page import page
 from atpid_control.views.report.panels import extremes, grain, overview
-from atpid_control.views.report.stages import beside, intervals, measured_decrement
+from atpid_control.views.report.stages import beside, closed_by_simulation, corners, intervals, measured_decrement
 from atpid_control.views.report.view import View, headline, view_of
 from atpid_control.views.static_page import document, facts, table, warnings
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping

@@ -21,9 +21,9 @@ from atpid_control.runs import formats
 from atpid_control.runs.check import check
 from atpid_control.runs.decode import Converter
 from atpid_control.runs.errors import BagError
+from atpid_control.runs.playback import support_series
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
-from atpid_control.runs.support import support_series
 from atpid_control.runs.writer import Split
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml

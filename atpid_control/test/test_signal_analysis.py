@@ -20,8 +20,8 @@ from scipy.signal import chirp, csd, get_window, lfilter
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, orders, spectrum
 from atpid_control.analysis.decrement import find_decay
-from atpid_control.analysis.integration import displacement_of, integrated
 from atpid_control.analysis.orders import steady_part, tone_of
+from atpid_control.analysis.signals import displacement_of, integrated
 from atpid_control.analysis.spectra import averaged
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.writer import BagWriter

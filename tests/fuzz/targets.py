@@ -23,10 +23,10 @@ from mutations import as_yaml, bag_of, changed_arrays, changed_bag, changed_byte
 from atpid_common.errors import AtpidError
 from atpid_control.analysis import analyse
 from atpid_control.analysis.signals import signals_of
+from atpid_control.runs.playback import support_series
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover, repair
 from atpid_control.runs.run import open_run
-from atpid_control.runs.support import support_series
 from atpid_control.runs.verify import survey, verify
 from atpid_control.stand.launching.options import OPTIONS, arguments_of, check_names, words_of
 from atpid_control.stand.parameters import read_parameters

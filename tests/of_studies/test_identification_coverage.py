@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from atpid_common.vocabulary import Quality
 from atpid_control.analysis import AnalysisError, Signals, analyse, frequency_response, orders
-from atpid_control.analysis.local_response import passes_once
+from atpid_control.analysis.frequency_response import passes_once
 from atpid_control.identification import Identifier
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency

@@ -2,19 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """All analyses of a record together: what can be computed, and why the rest cannot."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
 
+from atpid_common.output import finite
 from atpid_control.analysis.decrement import Decay, find_decay, free_decay
 from atpid_control.analysis.frequency_response import FrequencyResponse, frequency_response
 from atpid_control.analysis.orders import Orders, orders, steady_part
 from atpid_control.analysis.signals import AnalysisError, Signals
 from atpid_control.analysis.spectra import Spectrum, spectrum
-from atpid_sim.system import Array
 
 _Found = TypeVar("_Found")
 
@@ -42,20 +41,20 @@ class Analysis:
 
     def to_json(self) -> dict[str, Any]:
         """Return numbers and curves as plain values, SI units; NaN as None."""
-        return {
+        return dict(finite({
             "names": list(self.signals.names), "units": list(self.signals.units), "origin": self.signals.origin,
             "rate": self.signals.rate, "begin": self.signals.start, "duration": self.signals.duration,
             "invalid": self.signals.invalid,
             "spectrum": self._spectra(), "frequency_response": self._response(), "decrement": self._decay(),
             "orders": self._orders(), "doubts": self.doubts, "skipped": self.skipped,
-        }  # fmt: skip
+        }))  # fmt: skip
 
     def _spectra(self) -> dict[str, Any]:
         one, other = self.spectra
         return {
             "resolution": one.resolution, "averages": one.averages, "enbw": one.enbw, "rms": [one.rms, other.rms],
-            "frequency": _list(one.frequency), "excitation_density": _list(one.density),
-            "response_density": _list(other.density),
+            "frequency": one.frequency.tolist(), "excitation_density": one.density.tolist(),
+            "response_density": other.density.tolist(),
         }  # fmt: skip
 
     def _response(self) -> dict[str, Any] | None:
@@ -69,12 +68,12 @@ class Analysis:
             "excited_lines": int(found.excited.sum()), "peak_frequency": float(found.frequency[place]),
             "peak_h1": float(abs(found.h1[place])), "peak_h2": float(abs(found.h2[place])),
             "peak_phase": float(np.angle(found.h1[place])), "peak_coherence": float(found.coherence[place]),
-            "peak_phase_std": _list(found.phase_std[place : place + 1])[0],
-            "peak_relative_std": _list(found.relative_std[place : place + 1])[0],
+            "peak_phase_std": float(found.phase_std[place]),
+            "peak_relative_std": float(found.relative_std[place]),
             "peak_trusted": bool(found.trusted[place]),
-            "frequency": _list(found.frequency), "h1": _list(np.abs(found.h1)), "h2": _list(np.abs(found.h2)),
-            "phase": _list(np.angle(found.h1)), "coherence": _list(found.coherence),
-            "relative_std": _list(found.relative_std), "trusted": found.trusted.tolist(),
+            "frequency": found.frequency.tolist(), "h1": np.abs(found.h1).tolist(), "h2": np.abs(found.h2).tolist(),
+            "phase": np.angle(found.h1).tolist(), "coherence": found.coherence.tolist(),
+            "relative_std": found.relative_std.tolist(), "trusted": found.trusted.tolist(),
         }  # fmt: skip
 
     def _decay(self) -> dict[str, Any] | None:
@@ -83,14 +82,14 @@ class Analysis:
             return None
         names = ("begin", "end", "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "log_decrement",
                  "log_decrement_std", "amplitude", "residual")  # fmt: skip
-        return {name: getattr(found, name) for name in names} | {"ratios": _list(found.ratios)}
+        return {name: getattr(found, name) for name in names} | {"ratios": found.ratios.tolist()}
 
     def _orders(self) -> dict[str, Any] | None:
         found = self.orders
         if found is None:
             return None
         names = ("begin", "end", "frequency", "excitation", "residual", "distortion")
-        curves = {name: _list(getattr(found, name)) for name in ("amplitude", "amplitude_std", "phase")}
+        curves = {name: getattr(found, name).tolist() for name in ("amplitude", "amplitude_std", "phase")}
         return {name: getattr(found, name) for name in names} | curves
 
 
@@ -138,7 +137,3 @@ def _tried(name: str, compute: Callable[[], _Found], skipped: dict[str, str]) ->
     except AnalysisError as error:
         skipped[name] = str(error)
         return None
-
-
-def _list(values: Array) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in np.asarray(values).tolist()]

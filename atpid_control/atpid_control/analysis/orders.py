@@ -71,7 +71,7 @@ def orders(signals: Signals, count: int = 6) -> Orders:
         )
     turns = np.angle(given[0]) + 2.0 * math.pi * frequency * signals.delay
     turned = found * np.exp(-1j * turns * np.arange(1, count + 1))
-    parts = _halves(len(time))
+    parts = slice(0, len(time) // 2), slice(len(time) // 2, len(time))
     halves = [_fit(time[part], signals.response[part], frequency, 1)[0][0] for part in parts]
     change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf
     return Orders(
@@ -140,8 +140,7 @@ def tone_of(values: Array, rate: float) -> float:
 def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int, float]:
     """Return amplitude exp(i phase) of each order (count,), the residual's root mean square, samples used, and offset.
 
-    By normal equations, piece by piece: sines and cosines over some periods are nearly orthogonal, and memory does not
-    grow with the record.
+    By normal equations, since sines and cosines over some periods are nearly orthogonal; piece by piece, for memory.
     """
     valid = np.flatnonzero(np.isfinite(values))
     pieces = _pieces(valid)
@@ -188,10 +187,6 @@ def _errors(time: Array, values: Array, frequency: float, found: Array) -> Array
     power = np.abs(np.fft.fft(sums, axis=1)) ** 2
     near = 0.5 * (power[:, 1 : lines + 1].mean(axis=1) + power[:, -lines:].mean(axis=1))
     return np.asarray(np.sqrt(2.0 * near) / len(valid) * (1.0 + _STUDENT / (4 * lines)))
-
-
-def _halves(count: int) -> tuple[slice, slice]:
-    return slice(0, count // 2), slice(count // 2, count)
 
 
 def _drift(signals: Signals, parts: tuple[slice, slice]) -> Iterator[str]:

@@ -1,13 +1,17 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The results of an analysis in words: rows of a table, for terminal and report."""
+"""The results of an analysis: rows of a table in words, for terminal and report, and the panels of its picture."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from atpid_control.analysis.analyse import Analysis
+from atpid_control.analysis.frequency_response import FrequencyResponse
+from atpid_sim.figure_style import LIGHT, Panels, logarithmic
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -80,3 +84,142 @@ def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
         text = f"{scale * amplitude:.4g} ± {scale * error:.1g} {unit}, {math.degrees(phase):.4g} degrees"
         yield f"order {number}", text
     yield "distortion (THD)", f"{100.0 * orders.distortion:.3g} %"
+
+
+#: Points a trace is drawn with at most, and decades of a density shown below its largest.
+_POINTS, _DECADES = 20_000, 1e-10
+#: Standard deviations that noise alone exceeds once in a hundred times.
+_NOISE = 3.0
+
+
+def panels(found: Analysis) -> Panels:
+    """Return the panels of an analysis."""
+    last = _decay if found.orders is None else _orders
+    traces, densities, end = (partial(drawer, found=found) for drawer in (_traces, _densities, last))
+    sizes, phases, coherence = (
+        partial(_of_response, found=found, title=title, drawer=drawer)
+        for title, drawer in (("Frequency response", _sizes), ("Phase of H1", _phases), ("Coherence", _coherence))
+    )
+    return [[traces, densities], [sizes, phases], [coherence, end]]
+
+
+def _traces(ax: Any, found: Analysis) -> None:
+    signals = found.signals
+    (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
+    step = max(1, len(signals.response) // _POINTS)
+    for values, name, colour in zip(
+        (scale * signals.response, given * signals.excitation),
+        reversed(signals.names),
+        ("C0", LIGHT.given_text),
+        strict=True,
+    ):
+        ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
+    ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
+
+
+def _densities(ax: Any, found: Analysis) -> None:
+    for one, name, colour in zip(
+        reversed(found.spectra), reversed(found.signals.names), ("C0", LIGHT.given_text), strict=True
+    ):
+        ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
+    top = max(float(one.density[1:].max()) for one in found.spectra)
+    title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
+    # eight times the median power's frequency: beyond it the response has nothing to show
+    total = np.cumsum(found.spectra[1].density[1:])
+    lines = found.spectra[1].frequency
+    end = min(lines[-1], 8.0 * lines[int(np.searchsorted(total, 0.5 * total[-1])) + 1])
+    ax.set(xlim=(0.0, end), ylim=(_DECADES * top, 3.0 * top), title=title)
+    units = dict.fromkeys(reversed(found.signals.units))
+    ax.set(xlabel="frequency [Hz]", ylabel=" and ".join(f"{unit}²/Hz" for unit in units))
+
+
+def _excited(response: FrequencyResponse) -> tuple[float, float]:
+    """Return from where to where lines are excited [Hz], with a little room."""
+    lines = response.frequency[response.excited]
+    room = max(0.05 * float(np.ptp(lines)), 2.0 * float(response.frequency[1] - response.frequency[0]))
+    return max(0.0, float(lines.min()) - room), float(lines.max()) + room
+
+
+def _absent(ax: Any, title: str, reason: str) -> None:
+    ax.set(title=title, xticks=[], yticks=[])
+    ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, fontsize=9, transform=ax.transAxes)
+
+
+def _of_response(ax: Any, found: Analysis, title: str, drawer: Callable[[Any, str, FrequencyResponse], None]) -> None:
+    if found.response is None:
+        _absent(ax, title, found.skipped.get("frequency_response", ""))
+    else:
+        drawer(ax, title, found.response)
+
+
+def _sizes(ax: Any, title: str, response: FrequencyResponse) -> None:
+    shown, trusted = response.excited, response.trusted
+    logarithmic(ax)
+    ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
+    ax.plot(
+        response.frequency[shown],
+        np.abs(response.h1[shown]),
+        ".",
+        color=LIGHT.given_text,
+        markersize=4,
+        label="H1, excited lines",
+    )
+    size = np.abs(response.h1[trusted])
+    ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
+                linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
+    alone = " of a tone: known at its line alone" if response.tone else ""
+    ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
+
+
+def _phases(ax: Any, title: str, response: FrequencyResponse) -> None:
+    shown, trusted = response.excited, response.trusted
+    for chosen, colour in ((shown, LIGHT.given_text), (trusted, "C0")):
+        ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
+    ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
+
+
+def _coherence(ax: Any, title: str, response: FrequencyResponse) -> None:
+    shown = response.excited
+    ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
+    ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
+    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence",
+           title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
+
+
+def _orders(ax: Any, found: Analysis) -> None:
+    orders = found.orders
+    assert orders is not None
+    scale, unit = shown_unit(found.signals.units[1])
+    numbers = np.arange(1, len(orders.amplitude) + 1)
+    floor = scale * _NOISE * orders.amplitude_std
+    known = scale * orders.amplitude > floor
+    bottom = 0.3 * min(floor.min(), scale * orders.amplitude[0])
+    ax.bar(numbers[known], scale * orders.amplitude[known] - bottom, bottom=bottom, color="C0")
+    ax.plot(numbers, floor, "_", color="C1", markersize=28, label=f"noise, {_NOISE:g} σ; an order below it has no bar")
+    title = f"Orders, {orders.begin:.4g} to {orders.end:.4g} s; distortion {100.0 * orders.distortion:.2g} %"
+    ax.set(yscale="log", xlim=(0.4, len(numbers) + 0.6), ylim=(bottom, None), xticks=numbers)
+    ax.set(xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=unit, title=title)
+
+
+def _decay(ax: Any, found: Analysis) -> None:
+    decay, title = found.decay, "Free decay"
+    if decay is None:
+        _absent(ax, title, found.skipped.get("decrement", ""))
+        return
+    time = found.signals.time
+    inside = (time >= decay.begin) & (time <= decay.end)
+    fall = 2.0 * np.pi * decay.frequency * decay.damping_ratio / np.sqrt(1.0 - decay.damping_ratio**2)
+    envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
+    rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
+    scale, unit = shown_unit(found.signals.units[1])
+    ax.plot(
+        time[inside],
+        scale * (found.signals.response[inside] - rest),
+        LIGHT.given_text,
+        linewidth=0.8,
+        label="from its mean",
+    )
+    fit = f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %"
+    ax.plot(time[inside], scale * envelope, "C0", label=fit)
+    ax.plot(time[inside], -scale * envelope, "C0")
+    ax.set(xlabel="time [s]", ylabel=unit, title=title)

@@ -1,18 +1,26 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`atpid bag analyse BAG --out DIR`: frequency response, spectra, decrement and orders of a bag."""
+"""`atpid bag analyse BAG --out DIR`: frequency response, spectra, decrement and orders; `atpid bag report`: a page."""
 
 import argparse
 import math
 
-from atpid_common.arguments import positive, word
+from atpid_common.arguments import file_path, positive, word
+from atpid_common.cli import Command
 from atpid_control.analysis.analyse import analyse
-from atpid_control.analysis.integration import integrated
-from atpid_control.analysis.picture import panels
-from atpid_control.analysis.rows import rows
-from atpid_control.analysis.signals import signals_of
+from atpid_control.analysis.rows import panels, rows
+from atpid_control.analysis.signals import integrated, signals_of
 from atpid_control.analysis.spectra import WINDOWS
-from atpid_control.commands.results import Shown, add_bag, add_part, add_results, claim, give, two_columns
+from atpid_control.commands.results import (
+    Shown,
+    add_bag,
+    add_part,
+    add_results,
+    claim,
+    give,
+    print_missing,
+    two_columns,
+)
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, open_run
 from atpid_sim.display import working
@@ -71,3 +79,26 @@ def run(args: argparse.Namespace) -> int:
     return give(
         args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture, panels(found))
     )
+
+
+def _report_arguments(parser: argparse.ArgumentParser) -> None:
+    add_bag(parser)
+    folder = "folder for report.html and the pictures: new, empty, or an earlier one"
+    parser.add_argument("--out", type=file_path, required=True, help=folder)
+
+
+def _report(args: argparse.Namespace) -> int:
+    """Make the report; return 0. Raises BagError, ReportError."""
+    from atpid_control.views.report.page import check_folder, report  # here, since it loads slowly
+
+    bag = bag_of(args.bag)
+    check_folder(args.out)
+    with working("reading the bag, repeating its stages by simulation, drawing"):
+        made = report(bag, args.out)
+    print(made.headline)
+    print_missing(made.missing)
+    print(made.page)
+    return 0
+
+
+REPORT = Command(_report_arguments, _report, "bags/thesis_4_3_short --out out/report")

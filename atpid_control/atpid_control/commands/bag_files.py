@@ -9,7 +9,6 @@ what was it made with.
 import argparse
 import math
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,10 +19,10 @@ from atpid_control.commands.results import print_missing
 from atpid_control.runs.check import check
 from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.parts import bag_in
+from atpid_control.runs.playback import write_support
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import Recovered, recover, repair
 from atpid_control.runs.run import open_run
-from atpid_control.runs.support import write_support
 from atpid_control.runs.verify import Verified, survey, verify
 
 #: Exit status of `check` where the run broke a rule.
@@ -45,17 +44,8 @@ def _bag_and_files(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=file_path, default=Path(), metavar="DIR", help="of the files; default: here")
     support = "instead of those, the support's motion as support.csv for a scene; a part of it, in s"
     interval = rising(0.0, math.inf, "FROM:TO, two rising times from 0 on in s")
-    parser.add_argument(
-        "--support", type=interval, nargs="?", const=(0.0, math.inf), metavar="FROM:TO", help=support
-    )  # fmt: skip
-
-
-def _on(act: Callable[[Path], None]) -> Callable[[argparse.Namespace], int]:
-    def run(given: argparse.Namespace) -> int:
-        act(bag_in(given.bag))
-        return DONE
-
-    return run
+    add = parser.add_argument
+    add("--support", type=interval, nargs="?", const=(0.0, math.inf), metavar="FROM:TO", help=support)
 
 
 def _recover(given: argparse.Namespace) -> int:
@@ -64,8 +54,10 @@ def _recover(given: argparse.Namespace) -> int:
     return DONE
 
 
-def _repair(bag: Path) -> None:
+def _repair(given: argparse.Namespace) -> int:
+    bag = bag_in(given.bag)
     _print_recovered(bag, repair(bag))
+    return DONE
 
 
 def _extract(given: argparse.Namespace) -> int:
@@ -79,8 +71,9 @@ def _extract(given: argparse.Namespace) -> int:
     return DONE
 
 
-def _verify(bag: Path) -> None:
+def _verify(given: argparse.Namespace) -> int:
     """Print what is in a whole bag; of another, what is lost, before the error."""
+    bag = bag_in(given.bag)
     try:
         _print_verified(verify(bag))
     except BagError:
@@ -88,6 +81,7 @@ def _verify(bag: Path) -> None:
             for line in survey(bag):
                 print(f"lost: {line}")
         raise
+    return DONE
 
 
 def _print_verified(found: Verified) -> None:
@@ -141,8 +135,8 @@ def _write_files(bag: Path, out: Path) -> None:
         print(file)
 
 
-VERIFY = Command(_bag, _on(_verify), _BAG)
+VERIFY = Command(_bag, _verify, _BAG)
 CHECK = Command(_bag, _check, _BAG)
 RECOVER = Command(_bag_and_copy, _recover, "bags/cut_off --out out/recovered")
-REPAIR = Command(_bag, _on(_repair), _BAG)
+REPAIR = Command(_bag, _repair, _BAG)
 EXTRACT = Command(_bag_and_files, _extract, f"{_BAG} --out out/extracted")

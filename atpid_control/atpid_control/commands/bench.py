@@ -135,11 +135,7 @@ def _run_nodes(
 
 
 def _warm_up_kernels(scene: Scene, identifier: Mapping[str, Any]) -> None:
-    """Compile what the graph needs, or load it, before it starts: on a fresh machine that takes long.
-
-    One block of the scene's plant is computed, and a made-up tone identified with the identifier's parameters. In real
-    time every node then finds it in the compiler's cache.
-    """
+    """Compile what the graph needs, or load it, before it starts, so that every node finds it in the cache."""
     console = Console(stderr=True)
     with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
         _advance(scene)
@@ -185,7 +181,7 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     # here, so that the run itself does not wait for the drawing libraries
     from atpid_control.runs.run import open_run
     from atpid_control.stand.summary import show, summary_of, write_summary
-    from atpid_control.views.report.make import write_report
+    from atpid_control.views.report.page import write_report
     from atpid_control.views.report.view import view_of
 
     with working("reading the bag, repeating its stages by simulation"):

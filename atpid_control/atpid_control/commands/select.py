@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
+from atpid_common.output import finite
 from atpid_control.selection.checks import range_warnings
 from atpid_control.selection.protocol import (
     TAKES,
@@ -90,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     reduction = efficiency(chosen.beam_amplitude, bare)
     warnings = [*scene.warnings(), *range_warnings(scene, chosen), *worse_than_without(reduction)]
     if args.json:
-        today = _without_nan({"bare_amplitude": bare, "reduction": reduction})
+        today = finite({"bare_amplitude": bare, "reduction": reduction})
         shown = to_json(chosen) | today | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
         print(json.dumps(shown, allow_nan=False))
     else:
@@ -115,7 +116,7 @@ def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
     if args.json:
         shown = to_json(chosen) | {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
         shown |= {"resonance": scene.natural_frequency_hz, "measure": "root mean square"}
-        print(json.dumps(_without_nan(shown), allow_nan=False))
+        print(json.dumps(finite(shown), allow_nan=False))
     else:
         _show(f"{args.scene}: direct, by root mean square", scene, chosen, warnings, bare, "RMS of the beam")
     return 0
@@ -125,8 +126,7 @@ def to_json(chosen: Selection) -> dict[str, Any]:
     """Return a selection's fields by the names of `--json`; NaN as None."""
     plain = asdict(chosen)
     plain["amplitude"] = plain.pop("beam_amplitude")
-    plain["stages"] = [_without_nan(stage) for stage in plain["stages"]]
-    return _without_nan(plain)
+    return dict(finite(plain))
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
@@ -155,10 +155,6 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
     if given is not None:
         looked_up["map"] = str(given)
     return map_for(scene.with_(ceiling=looked_up))
-
-
-def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
 def _show(

@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_control.runs.definitions import split_name
+from atpid_control.runs.decode import split_name
 from atpid_control.runs.metadata import Qos
 from atpid_control.runs.topics import Topic
 

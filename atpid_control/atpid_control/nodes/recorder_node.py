@@ -28,10 +28,9 @@ from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.nodes.bag_qos import DEPTH, class_of, qos_of, subscription_qos
 from atpid_control.nodes.recorder_parameters import PARAMETERS, ParameterReader, writing_of
-from atpid_control.recording.session import RecordingSession
+from atpid_control.recording.session import DiskWatch, RecordingSession
 from atpid_control.recording.trigger import PreTrigger
 from atpid_control.runs.errors import BagError, MessageError
-from atpid_control.runs.flush import DiskWatch
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.topics import parse
 from atpid_control.runs.writer import Sink, check_new

@@ -1,23 +1,79 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One recording from its first message to its last: what is counted, what is written and when it is complete."""
+"""One recording from its first message to its last: what is counted, what is written, in which order."""
 
+import heapq
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from atpid_common.message_checks import time_out_of_range
 from atpid_common.vocabulary import EventKind
-from atpid_control.recording.order import StampOrder
 from atpid_control.recording.trigger import PreTrigger, Trigger
-from atpid_control.runs import cdr
 from atpid_control.runs.decode import is_handshake
 from atpid_control.runs.errors import BagError, MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
-from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, Topic
+from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, block_shape, event, stamp, truth_shape
 from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
+
+#: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
+HOLD_BACK_NS = 500_000_000
+
+
+class UnorderedMessage(NamedTuple):
+    """A message that waits for its place; compares by stamp, topic, sender and arrival."""
+
+    stamp_ns: int
+    rank: int  # of the topic in the recorder's list
+    node: str  # of an event; empty: a topic of one node
+    arrival: int
+    topic: str
+    data: bytes
+
+
+class StampOrder:
+    """Sorts messages by (stamp, order of topics, sender, arrival), whatever order they arrived in.
+
+    Two runs in lockstep with one seed then give the same sequence, although DDS delivers topics side by side. A message
+    is ready when every topic of the loop has passed its stamp by the hold-back.
+    """
+
+    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
+        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
+        self._ranks = {topic: rank for rank, topic in enumerate(topics)}
+        self._loop, self._hold_back = loop, hold_back_ns
+        self._newest: dict[str, int] = {}
+        self._held: list[UnorderedMessage] = []
+        self._arrivals = count()
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def add(self, topic: str, stamp_ns: int, node: str, data: bytes) -> None:
+        """Take one message."""
+        heapq.heappush(
+            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
+        )
+        if topic in self._loop:
+            self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
+
+    def ready(self) -> Iterator[UnorderedMessage]:
+        """Yield, in order, the messages that no later one can precede."""
+        if not self._newest:
+            return
+        limit = min(self._newest.values()) - self._hold_back
+        while self._held and self._held[0].stamp_ns < limit:
+            yield heapq.heappop(self._held)
+
+    def rest(self) -> Iterator[UnorderedMessage]:
+        """Yield all that is left, in order: the run is over."""
+        while self._held:
+            yield heapq.heappop(self._held)
+
 
 Offered = Callable[[str], tuple[Qos, ...]]
 
@@ -35,7 +91,7 @@ class Continuity:
     scans: int = 0  # received
     lost: int = 0  # missing between blocks
 
-    def add(self, block: cdr.BlockShape) -> int:
+    def add(self, block: BlockShape) -> int:
         """Take the next block; return how many scans are missing before it (0: none)."""
         missing = 0 if self.next_index is None else max(0, block.first_index - self.next_index)
         self.next_index = block.first_index + block.scans
@@ -103,7 +159,7 @@ class RecordingSession:
         if not kind.has_header:
             self._write(topic, data, now_ns, now_ns)
             return 0
-        stamp_ns, node = cdr.stamp(data), ""
+        stamp_ns, node = stamp(data), ""
         if stamp_ns < 0:
             raise MessageError("its stamp is before 1970")
         if kind.has_handshake and is_handshake(data):
@@ -121,7 +177,7 @@ class RecordingSession:
 
     def _follow_event(self, stamp_ns: int, data: bytes) -> str:
         """Take an event, and return its node. A run's end counts only from a source, where one announced its begin."""
-        kind, node = cdr.event(data)
+        kind, node = event(data)
         if kind == EventKind.STARTED:
             self._sources.add(node)
         elif kind == EventKind.FINISHED and (not self._sources or node in self._sources):
@@ -133,12 +189,12 @@ class RecordingSession:
         """Follow the progress of the run; return how many scans are missing."""
         missing, reached, now = 0, stamp_ns, time.monotonic()
         if topic.type == BLOCK:
-            shape = _checked(cdr.block_shape(data))
+            shape = _checked(block_shape(data))
             self._sampled = self._sampled or now
             missing = self.continuity[topic.name].add(shape)
             reached = _end_of(shape, stamp_ns)
         elif topic.type == TRUTH:
-            reached = _end_of(_checked(cdr.truth_shape(data)), stamp_ns)
+            reached = _end_of(_checked(truth_shape(data)), stamp_ns)
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, stamp_ns
@@ -225,7 +281,7 @@ class RecordingSession:
             return
         for held in self.waiting.push(topic, data, log_ns, publish_ns):
             if held.topic in self._recorded:
-                self._recorded[held.topic].add(cdr.block_shape(held.data))
+                self._recorded[held.topic].add(block_shape(held.data))
             self._put(held.topic, held.data, held.log_ns, held.publish_ns)
         if self.waiting.stop_ns is not None and self._end_ns is None:
             self._end_at(self.waiting.stop_ns)
@@ -245,13 +301,42 @@ class RecordingSession:
             raise
 
 
-def _checked(shape: cdr.BlockShape) -> cdr.BlockShape:
+def _checked(shape: BlockShape) -> BlockShape:
     """Return `shape`; raise MessageError where its scans have no place in time."""
     if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
         raise MessageError(reason)
     return shape
 
 
-def _end_of(shape: cdr.BlockShape, stamp_ns: int) -> int:
+def _end_of(shape: BlockShape, stamp_ns: int) -> int:
     """Return the instant after the last scan of a block [ns]."""
     return stamp_ns + round(shape.scans / shape.rate * 1e9)
+
+
+class DiskWatch:
+    """Finds when writing begins to keep the recorder waiting, and when it no longer does.
+
+    Where slow writes soon come back, each time twice as long has to pass without one, so that a disk that is busy for
+    an hour is a few reports, not thousands.
+    """
+
+    def __init__(self, slow: float, again: float, longest: float) -> None:
+        """Call a write slow that takes longer than `slow` [s], and the disk well after `again` to `longest` [s]."""
+        self._slow, self._least, self._most = slow, again, longest
+        self._again = again
+        self._until, self._well = 0.0, -longest  # when it will be well, 0: it is; since when it is [s]
+        self.longest = 0.0  # write [s]
+
+    def push(self, took: float, now: float) -> bool | None:
+        """Take how long a write took [s]; return True where slow ones begin, False where they end, else None."""
+        self.longest = max(self.longest, took)
+        if took > self._slow:
+            before = self._until
+            if not before:
+                self._again = min(2.0 * self._again, self._most) if now - self._well < self._most else self._least
+            self._until = now + self._again
+            return None if before else True
+        if self._until and now > self._until:
+            self._until, self._well = 0.0, now
+            return False
+        return None

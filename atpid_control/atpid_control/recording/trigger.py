@@ -10,9 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.runs import cdr
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.topics import BLOCK, EVENT, TRANSITION, TRUTH, Topic
+from atpid_control.runs.topics import (
+    BLOCK,
+    EVENT,
+    TRANSITION,
+    TRUTH,
+    BlockShape,
+    Topic,
+    block_shape,
+    decoder_of,
+    truth_shape,
+)
 
 EDGES = ("rising", "falling", "either")
 #: Events and transitions from before the pre-trigger time that are kept: what publishers of `events` keep, too.
@@ -66,7 +75,7 @@ def trigger_of(text: str, topics: list[Topic], **settings: Any) -> Trigger | Non
         raise BagError(f"parameter trigger_level: given {found.level}; allowed: a number, in the unit of the signal")
     if topic.type != BLOCK:
         numbers = [
-            name for name, described in cdr.decoder_of(topic.type).fields(topic.type).items() if _is_number(described)
+            name for name, described in decoder_of(topic.type).fields(topic.type).items() if _is_number(described)
         ]
         if found.signal not in numbers:
             allowed = ", ".join(numbers) or "none of its fields is a number"
@@ -115,7 +124,8 @@ class PreTrigger:
             self.fired = self._look(one, shape)
             pre = round(self.trigger.pre * 1e9)
             self._limit_ns = (last if self.fired is None else self.fired.time_ns) - pre
-            self._forget()
+            while self._held and self._held[0].last_ns < self._limit_ns:
+                self._drop()
         if self.fired is None:
             return []
         kept = [*self._states, *self._held]
@@ -140,21 +150,16 @@ class PreTrigger:
             self._dropped_ns = self._held[0].last_ns
             self._drop()
 
-    def _forget(self) -> None:
-        """Drop what ended before the pre-trigger time."""
-        while self._held and self._limit_ns is not None and self._held[0].last_ns < self._limit_ns:
-            self._drop()
-
     def _drop(self) -> None:
         one = self._held.popleft()
         self._bytes -= len(one.data) + _OVERHEAD
         if self._types[one.topic] in (EVENT, TRANSITION):
             self._states.append(one)
 
-    def _look(self, one: WaitingMessage, shape: cdr.BlockShape | None) -> Fired | None:
+    def _look(self, one: WaitingMessage, shape: BlockShape | None) -> Fired | None:
         """Return the first sample of a message that passes the level; None: none does."""
         try:
-            message = cdr.decoder_of(self._types[one.topic]).decode(0, one.data)
+            message = decoder_of(self._types[one.topic]).decode(0, one.data)
         except BagError:  # recorded as it is, like any other message
             return None
         try:
@@ -191,10 +196,10 @@ def _crossings(values: NDArray[np.float64], trigger: Trigger) -> NDArray[np.bool
     return {"rising": rising, "falling": falling}.get(trigger.edge, rising | falling)
 
 
-def _shape(kind: str, data: bytes) -> cdr.BlockShape | None:
+def _shape(kind: str, data: bytes) -> BlockShape | None:
     if kind == BLOCK:
-        return cdr.block_shape(data)
-    return cdr.truth_shape(data) if kind == TRUTH else None
+        return block_shape(data)
+    return truth_shape(data) if kind == TRUTH else None
 
 
 def _is_number(described: Any) -> bool:

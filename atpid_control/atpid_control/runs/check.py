@@ -22,11 +22,10 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs import check_rules as rules
 from atpid_control.runs.check_rules import Findings
-from atpid_control.runs.contents import kind_of
-from atpid_control.runs.decode import Decoder
+from atpid_control.runs.decode import Decoder, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
+from atpid_control.runs.read import kind_of
 from atpid_control.runs.records import bag_records
 from atpid_control.runs.writer import LIBRARY
 from atpid_sim.plant.stream import last_stamp_ns
@@ -66,7 +65,7 @@ class _Check:
         self.foreign = False  # recorded by another program, which keeps no result
         self.finished_ns: int | None = None
         self._ceiling: rules.CeilingWithinLimits | None = None
-        self._injected: tuple[Injected, ...] = ()  # the faults that the run had on purpose
+        self._injected: tuple[Injected, ...] = ()  # on purpose: what they alone explain is no finding
         #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
         self._unordered: list[tuple[str, int, str, int, Any]] | None = None
 
@@ -84,17 +83,13 @@ class _Check:
                 scene = scene_from_mapping(read_yaml(data.decode(), name), source=name, folder=self.path)
                 if scene.ceiling.controlled:
                     self.limits.narrow(*scene.ceiling.range, scene.ceiling.speed)
-                self._expect(scene.injected)
+                self._injected = scene.injected
+                if any(fault.part == "clock" for fault in scene.injected):
+                    self._unordered, self.answers.shared_stamps = [], True
             elif name.endswith((".yaml", ".yml")):
                 self._of_node(parse_yaml(data))
         except (AtpidError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
-
-    def _expect(self, faults: tuple[Injected, ...]) -> None:
-        """Take the faults that the run had on purpose: what they alone explain is no finding."""
-        self._injected = faults
-        if any(fault.part == "clock" for fault in faults):
-            self._unordered, self.answers.shared_stamps = [], True
 
     def _of_node(self, document: Any) -> None:
         for key, block in document.items() if isinstance(document, Mapping) else ():
@@ -179,15 +174,8 @@ class _Check:
             self.findings.add("end", "there is no answered block in this bag")
         events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]
         lost = sum(stream.lost for stream in self.scans.values())
-        return Checked(
-            self.path,
-            self.findings.lines(),
-            dict(self.findings.counts),
-            events,
-            lost,
-            self.answers.answered,
-            self._line(lost),
-        )
+        found, answered = self.findings, self.answers.answered
+        return Checked(self.path, found.lines(), dict(found.counts), events, lost, answered, self._line(lost))
 
     def _line(self, lost: int) -> str:
         ceiling, limits = self.ceiling, self.limits

@@ -117,7 +117,10 @@ class AnswerMatching:
             findings.add("twice", f"a second {self.NAMES[place]} for {seconds(stamp_ns)}")
         if all(counts):
             del self._open[stamp_ns]
-            self._close(stamp_ns)
+            if len(self._closed) == REACH:
+                self._recent.discard(self._closed[0])
+            self._closed.append(stamp_ns)
+            self._recent.add(stamp_ns)
             self.answered += 1
         elif len(self._open) > REACH:
             oldest = next(iter(self._open))
@@ -137,12 +140,6 @@ class AnswerMatching:
             elif self.shared_stamps or stamp_ns <= limit:
                 self._judge(stamp_ns, counts, findings)
         self._open.clear()
-
-    def _close(self, stamp_ns: int) -> None:
-        if len(self._closed) == REACH:
-            self._recent.discard(self._closed[0])
-        self._closed.append(stamp_ns)
-        self._recent.add(stamp_ns)
 
     def _judge(self, stamp_ns: int, counts: list[int], findings: Findings) -> None:
         missing = [name for name, count in zip(self.NAMES, counts, strict=True) if not count]
@@ -197,8 +194,10 @@ class CeilingWithinLimits:
 
     def state(self, stamp_ns: int, height: float, target: float, findings: Findings) -> None:
         """Take a reported height and target [m]; NaN: unknown."""
-        if self._misread(stamp_ns):
-            self._state = None
+        late = 2.0 * JITTER  # of a report after what it reports
+        at = stamp_ns * 1e-9 - self.begin
+        if self._clock or any(fault.begin <= at <= fault.end + late for fault in self._sensor):
+            self._state = None  # none of the ceiling: its sensor failed on purpose, or the clock that stamps it
             return
         if self.limits.outside([target]) or self.limits.outside([height], self._beyond):
             findings.add(
@@ -239,13 +238,6 @@ class CeilingWithinLimits:
                 f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}; "
                 f"allowed: {self.limits.speed:g} m/s",
             )
-
-    def _misread(self, stamp_ns: int) -> bool:
-        """Whether a report is none of the ceiling: its sensor failed on purpose, or the clock that stamps it did."""
-        late = 2.0 * JITTER  # of a report after what it reports
-        return self._clock or any(
-            fault.begin <= stamp_ns * 1e-9 - self.begin <= fault.end + late for fault in self._sensor
-        )
 
     def _reached(self, low: float, high: float) -> None:
         self.low, self.high = min(self.low, low), max(self.high, high)

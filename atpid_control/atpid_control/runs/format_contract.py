@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.formats import Format, Given, Holds
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.source import Source

@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from atpid_common.errors import one_line
-from atpid_control.runs import sqlite
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.parts import bag_in, find_parts
+from atpid_control.runs.parts import SQLITE_ENDING, bag_in, find_parts
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import Piece, Table
 
 #: Group of the entry points that add formats; the name of an entry point is that of its format.
 GROUP = "atpid.formats"
 #: Endings of a bag's files; those of the folder of a bag are any.
-_OF_BAGS = ("", ".mcap", sqlite.ENDING)
+_OF_BAGS = ("", ".mcap", SQLITE_ENDING)
 #: The package that reads files of an ending as a run: of extensions of this project, installed or not.
 _BROUGHT_BY = Path(__file__).parents[1] / "data" / "formats.json"
 

@@ -175,11 +175,6 @@ class BagSummary:
         self.files = [FileSummary(file_name)]
         self.whole = FileSummary("")
 
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return self.whole.count
-
     def begin_file(self, name: str) -> None:
         """Count what follows as contents of another file."""
         self.files.append(FileSummary(name))
@@ -212,7 +207,7 @@ def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]
         "storage_identifier": "mcap",
         "duration": whole["duration"],
         "starting_time": whole["starting_time"],
-        "message_count": summary.count,
+        "message_count": summary.whole.count,
         "topics_with_message_count": topics,
         "compression_format": "",
         "compression_mode": "",

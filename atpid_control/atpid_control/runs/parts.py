@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.files import FileError, parse_yaml, read_text
-from atpid_control.runs import metadata, sqlite
+from atpid_control.runs import metadata
 from atpid_control.runs.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
+#: What a database begins with, and what rosbag2's ends with.
+SQLITE, SQLITE_ENDING = b"SQLite format 3\0", ".db3"
 #: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB, each file of a split bag adds 0.2 kB.
 MOST_METADATA = 2_000_000
 _NUMBER = re.compile(r"_(\d{1,9})\.(?:mcap|db3)$")
@@ -29,7 +31,7 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         raise BagError(f"{path}: cannot be opened ({reason}); give a bag's folder") from None
     if not found:
         raise BagError(f"{path}: no such bag; give a bag's folder, or that of the run with it")
-    named = (sorted(path.glob(f"*{ending}"), key=_place) for ending in (".mcap", sqlite.ENDING))
+    named = (sorted(path.glob(f"*{ending}"), key=_place) for ending in (".mcap", SQLITE_ENDING))
     files = [path] if path.is_file() else next(filter(None, named), [])
     if not files and (packed := sorted(path.glob("*.zstd"))):
         convert = f"`rosbags-convert --src {path} --dst NEW` writes a bag that is not"
@@ -41,7 +43,7 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         )
     begins = {file: _begin(file) for file in files}
     for file, begin in begins.items():
-        if not (begin in (MAGIC, sqlite.MAGIC[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
+        if not (begin in (MAGIC, SQLITE[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
             why = "it does not begin as a file of one does" if begin else "it is empty"
             raise BagError(f"{file}: not a bag ({why}); give a bag's folder, or that of the run with it")
     return files

@@ -1,6 +1,9 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a bag to play, by the definitions installed, and how far a replay's answers agree with the bag's."""
+"""What a bag gives to be played: its messages, by the definitions installed, or its support's motion for a scene.
+
+And how far a replay's answers agree with the bag's.
+"""
 
 import math
 from collections.abc import Iterator
@@ -9,17 +12,17 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from atpid_common.vocabulary import DRIVES
-from atpid_control.runs.cdr import block_shape
-from atpid_control.runs.cdr import stamp as stamp_in
-from atpid_control.runs.contents import kind_of
-from atpid_control.runs.decode import Converter
-from atpid_control.runs.definitions import message_type
-from atpid_control.runs.errors import BagError
-from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.decode import Converter, message_type
+from atpid_control.runs.errors import BagError, in_words
+from atpid_control.runs.read import Bag, kind_of, open_bag
 from atpid_control.runs.run import Run
 from atpid_control.runs.tables import STAMP
-from atpid_control.runs.topics import BLOCK
+from atpid_control.runs.topics import BLOCK, block_shape
+from atpid_control.runs.topics import stamp as stamp_in
+from atpid_sim.system import Array
 
 #: The channels of the identifier: each block that has one is answered once.
 _ANSWERED = {drive.channel for drive in DRIVES.values()}
@@ -183,3 +186,45 @@ def _equal(one: Any, other: Any) -> bool:
         both_unknown = math.isnan(one) and math.isnan(other)
         return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     return bool(one == other)
+
+
+SUPPORT_FILE = "support.csv"
+
+
+def support_series(run: Run, begin: float = 0.0, end: float = math.inf) -> tuple[Array, Array]:
+    """Return times (n,) of the run [s] and support's displacements [m] or forces [N] (n,), from `begin` to `end` [s].
+
+    Times are index / rate: stamps jitter, indices prove that nothing is missing. `run` is read from `begin` to `end`.
+    Raises BagError: no such channel, or scans that are lost, invalid or of two streams in between.
+    """
+    signal = run.signal(run.drive.channel)
+    time = signal.time
+    inside = (time >= begin) & (time <= end)
+    if not inside.any():
+        span = f"allowed: times from {time[0]:g} to {time[-1]:g} s"
+        raise BagError(f"{run.path}: no scan from {begin:g} to {end:g} s; {span}")
+    advice = "take a part without it, --support FROM:TO with TO below or FROM above"
+    invalid = time[inside & ~np.isfinite(signal.values)]
+    if len(invalid):
+        raise BagError(f"{run.path}: {signal.name} is lost or invalid at {invalid[0]:g} s; {advice} {invalid[0]:g}")
+    if signal.others:
+        raise BagError(f"{run.path}: {signal.topic} starts anew: {signal.others[0]}; {advice} {time[-1]:g}")
+    return time[inside], signal.values[inside]
+
+
+def write_support(run: Run, folder: Path, begin: float = 0.0, end: float = math.inf) -> str:
+    """Write the series as `folder`/support.csv and return a line about it. Raises BagError."""
+    path = folder / SUPPORT_FILE
+    if path.exists():
+        raise BagError(f"{path}: exists already and is not written over; give another folder with --out")
+    times, values = support_series(run, begin, end)
+    drive = run.drive
+    lines = [f"time,{drive.channel}", *(f"{t!r},{u!r}" for t, u in zip(times.tolist(), values.tolist(), strict=True))]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BagError(f"{path}: cannot be written: {in_words(error)}") from None
+    lasts = times[-1] - times[0]
+    span = f"{len(times)} samples over {lasts:g} s, from {values.min():g} to {values.max():g} {drive.unit}"
+    return f"{path}: {span}, of {run.signal(drive.channel).origin}"

@@ -3,14 +3,175 @@
 """Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
 
 import os
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from atpid_control.runs.contents import Contents, kind_of, reason_to_leave_out
+from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
+
+from atpid_common.message_checks import CHECKS, check_as
+from atpid_control.runs.decode import Decoder, is_handshake, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
+from atpid_control.runs.metadata import FILE_NAME, RESULT, RUN, SCENE
+from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.records import channel_of, records, renumbered
+
+_OURS = "atpid_interfaces/msg/"
+_ADVICE = "`atpid bag recover {}` writes a whole bag"
+
+
+class Contents:
+    """One pass over the files of a bag: what it holds besides its messages is known when `records` has yielded them."""
+
+    def __init__(self, path: Path | str, torn_ok: bool = True) -> None:
+        """Find the files of the bag, given as its folder or one file.
+
+        With `torn_ok` one that is not closed, cut off or damaged is read as far as it goes. Raises BagError: no bag, or
+        not the files that metadata.yaml lists; without `torn_ok` also not closed.
+        """
+        self.path = Path(path)
+        self.decoder = Decoder()
+        self.types: dict[str, str] = {}  # message type by topic
+        self.hashes: dict[str, str] = {}  # type hash by topic
+        self.run: dict[str, str] = {}  # run_id, commit, created, ...
+        #: wall_s, data_s, real_time_factor, lost_scans ...; empty: not closed
+        self.result: dict[str, str] = {}
+        self.files: dict[str, bytes] = {}  # configuration, verbatim
+        self._torn_ok, self._parts = torn_ok, find_parts(self.path)
+        self._listed: Mapping[str, Any] = {}  # by metadata.yaml
+        self._torn: list[str] = []
+        self._foreign: dict[str, str] = {}  # topics that cannot be read: why
+        self._handshakes: set[str] = set()  # topics that may have them: another program records them as well
+        self._counts = Counter[str]()  # messages by topic
+        self._blocks: dict[str, tuple[int, bytes]] = {}  # the last of each topic in a file: definition and contents
+        self._start_ns: int | None = None  # stamp of the first sample
+        if self.path.is_dir() and (not torn_ok or (self.path / FILE_NAME).is_file()):
+            try:
+                self._listed = read_metadata(self.path)
+            except BagError as error:
+                if not torn_ok:
+                    raise
+                self._torn.append(str(error))
+            else:
+                check_listed(self.path, self._parts, self._listed)
+
+    @property
+    def scene_text(self) -> str | None:
+        """The scene the run was started with, None where none was recorded."""
+        try:
+            return self.files[SCENE].decode() if SCENE in self.files else None
+        except UnicodeDecodeError:
+            raise BagError(f"{self.path}: the scene kept in it is not text in UTF-8: it is damaged") from None
+
+    @property
+    def unread(self) -> list[str]:
+        """What is not in the bag and should be, and topics that cannot be read, a line each."""
+        lines = [f"{self.path}: {topic}: {why}" for topic, why in self._foreign.items()]
+        return [*self._cut_off(), *lines] if self._torn_ok else lines
+
+    def _cut_off(self) -> Iterator[str]:
+        yield from self._torn
+        kept = self._listed.get("custom_data")
+        lost = kept.get("lost", "nothing") if isinstance(kept, dict) else "nothing"
+        if lost != "nothing":
+            yield f"{self.path}: recovered from a damaged bag, of which is lost: {lost}"
+        elif not self._torn and self.run and not self.result:
+            yield f"{self.path}: the recording was not closed: what was not written yet is not there"
+        with suppress(BagError):
+            for name, count in counts_in(self._listed).items():
+                if short := max(0, count - self._counts[name]):
+                    yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
+
+    def records(self) -> Iterator[tuple[Channel, Message]]:
+        """Yield the messages that can be decoded, each with its channel, but no handshake, which carries nothing.
+
+        Raises BagError where the bag is damaged.
+        """
+        channels: dict[int, Channel] = {}
+        for place, file in enumerate(self._parts):
+            ends, before = set[type](), self._counts.total()
+            self._blocks = {}
+            for record in records(file, self._torn_ok):
+                renumbered(record, place)
+                if isinstance(record, Message):
+                    channel = channel_of(record, channels)
+                    self._count(channel, record)
+                    topic = channel.topic
+                    if topic in self.types and not (topic in self._handshakes and is_handshake(record.data)):
+                        yield channel, record
+                elif isinstance(record, Schema):
+                    with suppress(BagError):  # of another program: its topics are left out
+                        self.decoder.add(record)
+                elif isinstance(record, Channel) and record.id not in channels:
+                    channels[record.id] = record
+                    self._describe(record)
+                elif isinstance(record, Attachment):
+                    self.files[record.name] = record.data
+                elif isinstance(record, Metadata):
+                    {RUN: self.run, RESULT: self.result}.get(record.name, {}).update(record.metadata)
+                ends.add(type(record))
+            if self._torn_ok and Footer not in ends:
+                ending = self._ending(self._counts.total() - before, DataEnd in ends)
+                self._torn.append(f"{file}: {ending}; {_ADVICE.format(self.path)}")
+
+    def _describe(self, channel: Channel) -> None:
+        """Take the type of a topic; one whose messages cannot be decoded is left out."""
+        try:
+            kind = self.decoder.name(channel.schema_id)
+        except BagError:
+            kind = ""
+        if channel.message_encoding == "cdr" and kind:
+            self.types[channel.topic] = kind
+            if list(self.decoder.fields(kind, channel.schema_id))[:2] == ["header", "handshake"]:
+                self._handshakes.add(channel.topic)
+            self.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
+        else:
+            given = channel.message_encoding
+            why = f"encoded as {given!r}" if given != "cdr" else "without a definition in ros2msg that can be read"
+            self._foreign[channel.topic] = f"left out, {why}"
+
+    def _count(self, channel: Channel, message: Message) -> None:
+        """Count a message; of samples the last block is kept, which is decoded only where the file breaks off."""
+        self._counts[channel.topic] += 1
+        if self._torn_ok and kind_of(self.types.get(channel.topic, "")) == "SampleBlock":
+            self._blocks[channel.topic] = channel.schema_id, message.data
+            if self._start_ns is None and (block := self._block(*self._blocks[channel.topic])):
+                self._start_ns = stamp_of(block)
+
+    def _ending(self, messages: int, complete: bool) -> str:
+        """Return where a file of so many messages ends, in words; `complete`: only its index is missing."""
+        if complete:
+            return "its index is cut off, every message is there"
+        decoded = {topic: self._block(*block) for topic, block in sorted(self._blocks.items())}
+        last = {topic: block for topic, block in decoded.items() if block is not None and block.rate > 0.0}
+        if not last or self._start_ns is None:
+            return f"cut off or damaged before its first sample: {messages} messages read"
+        end = max(stamp_of(block) + round(scans_of(block) / block.rate * 1e9) for block in last.values())
+        samples = [f"{int(block.first_index) + scans_of(block) - 1} of {topic}" for topic, block in last.items()]
+        after = (end - self._start_ns) * 1e-9
+        return f"cut off or damaged after {after:.6g} s: read until sample {', '.join(samples)}"
+
+    def _block(self, schema: int, data: bytes) -> Any:
+        """Return a block; None where it cannot be used, or has no samples."""
+        with suppress(BagError):
+            block = self.decoder.decode(schema, data)
+            return block if len(block.channels) and len(block.data) else None
+        return None
+
+
+def kind_of(name: str) -> str:
+    """Return the message of "atpid_interfaces/msg/Message"; empty: a type of another package."""
+    return name.removeprefix(_OURS) if name.startswith(_OURS) else ""
+
+
+def reason_to_leave_out(kind: str, message: Any) -> str:
+    """Return why a message of atpid_interfaces/msg/`kind` cannot be used; empty: it can, or is of another package."""
+    return check_as(kind, message) if kind in CHECKS else ""
+
 
 #: Memory of one message besides its bytes, and what all of them may take [bytes].
 _RAW = 250

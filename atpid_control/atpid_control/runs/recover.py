@@ -92,19 +92,15 @@ def building(parent: Path, name: str, what: str = "the recovered bag") -> Iterat
     try:
         parent.mkdir(parents=True, exist_ok=True)
         folder = Path(mkdtemp(dir=parent, prefix=f".{name[:100]}-", suffix=".partial"))
-        folder.chmod(0o777 & ~_umask())
+        mask = os.umask(0o022)
+        os.umask(mask)
+        folder.chmod(0o777 & ~mask)
         yield folder
     except OSError as error:
         raise BagError(f"{parent}: cannot write {what}: {in_words(error)}") from None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
 
 
 def _unused(path: Path) -> Path:
@@ -207,18 +203,17 @@ class _Ids:
         made = self._writer.register_channel(record.topic, record.message_encoding, schema, record.metadata)
         self._channels[record.id] = made, record.topic
         type_hash = record.metadata.get("topic_type_hash", "")
+        qos = deepcopy(_profiles(record.metadata.get("offered_qos_profiles", "")))
         name = self._names[record.schema_id]
-        self._summary.topics.setdefault(record.topic, TopicSummary(record.topic, name, type_hash, _qos(record)))
-
-
-def _qos(channel: Channel) -> list[Any]:
-    """Return the offered profiles a channel lists; none where they cannot be read: those of rosbag2 then apply."""
-    return deepcopy(_profiles(channel.metadata.get("offered_qos_profiles", "")))
+        self._summary.topics.setdefault(record.topic, TopicSummary(record.topic, name, type_hash, qos))
 
 
 @lru_cache(maxsize=64)
 def _profiles(text: str) -> list[Any]:
-    """Return the profiles in a text, which most channels of a bag share and which takes milliseconds to read."""
+    """Return the profiles in a text, which most channels of a bag share and which takes milliseconds to read.
+
+    None where they cannot be read: those of rosbag2 then apply.
+    """
     try:
         found = parse_yaml(text) if len(text) < _MOST_QOS else None
     except FileError:

@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from atpid_common.files import parse_yaml
 from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
 from atpid_control.runs.commanded import as_put_out
-from atpid_control.runs.contents import kind_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import table_reader
 from atpid_control.runs.metadata import SCENE
-from atpid_control.runs.read import within_memory
+from atpid_control.runs.read import kind_of, within_memory
 from atpid_control.runs.signal import RecordedMotion, Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table

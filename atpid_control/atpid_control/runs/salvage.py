@@ -77,6 +77,9 @@ def salvage(file: Path) -> Iterator[McapRecord]:
     goes forward. Raises OSError.
     """
     with file.open("rb") as stream:
+        begin = stream.read(len(MAGIC))
+        if begin != MAGIC:
+            yield Damage(0, len(begin), "it does not begin as an MCAP file does")
         yield from _Walk(stream).records()
 
 
@@ -97,7 +100,6 @@ class _Walk:
             indexed = [one for one in summary.records if isinstance(one, (Schema, Channel, Statistics))]
             places, end = summary.places, summary.begin
         place = len(MAGIC)
-        yield from self._magic()
         while place < end:
             if place > len(MAGIC):
                 yield from indexed
@@ -123,11 +125,6 @@ class _Walk:
             place = following
         if summary is None:
             yield Damage(end, end, NOT_CLOSED)
-
-    def _magic(self) -> Iterator[Damage]:
-        self._stream.seek(0)
-        if self._stream.read(len(MAGIC)) != MAGIC:
-            yield Damage(0, min(len(MAGIC), self._size), "it does not begin as an MCAP file does")
 
     def _head(self, place: int) -> tuple[int, int]:
         """Return opcode and length of the record at `place`; a length beyond the file where there is none."""

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TIME, Column, Table
+from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TIME, Table
 
 #: Columns that are coordinates, not measured.
 _COORDINATES = (TIME, STAMP, RECEIVED, INDEX)
@@ -53,11 +53,10 @@ def _places(names: Sequence[str]) -> dict[str, str]:
 
 
 def _dataset(table: Table, arrays: dict[str, Any]) -> xr.Dataset:
-    variables = {column.name: (TIME, arrays[column.name], _attributes(column)) for column in table.columns}
+    variables = {}
+    for column in table.columns:
+        about = {"units": column.unit or "1", "long_name": column.description or column.name}
+        skew = {"skew": column.skew} if column.skew else {}
+        variables[column.name] = TIME, arrays[column.name], {**about, **skew}
     coordinates = {name: variables.pop(name) for name in _COORDINATES if name in variables}
     return xr.Dataset(variables, coordinates, table.about())
-
-
-def _attributes(column: Column) -> dict[str, Any]:
-    skew = {"skew": column.skew} if column.skew else {}
-    return {"units": column.unit or "1", "long_name": column.description or column.name, **skew}

@@ -9,21 +9,110 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
 from mcap.records import Channel, Header, McapRecord, Message, Schema, Statistics
 
-from atpid_control.runs import sqlite
-from atpid_control.runs.decode import Decoder
+from atpid_control.runs.decode import Decoder, scans_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.losses import Losses
-from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
-from atpid_control.runs.records import IDS, BoundedFile, channel_of, plain, records, renumbered
+from atpid_control.runs.parts import SQLITE_ENDING, check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.records import IDS, NO_RECOVERY, BoundedFile, channel_of, plain, records, renumbered
 from atpid_control.runs.salvage import Damage, salvage
 from atpid_control.runs.writer import LIBRARY
+
+#: Losses of one topic, and damaged parts of a file, that are listed; the others are counted.
+LISTED = 20
+
+
+@dataclass
+class _Stream:
+    """What came of one topic."""
+
+    messages: int = 0
+    sequence: int | None = None  # that has to come next
+    index: int | None = None  # of the scan that has to come next; None: no blocks
+    lines: list[str] = field(default_factory=list)
+    gaps: int = 0
+    scans: int = 0  # missing
+    missing: int = 0  # messages missing
+
+    def add_gap(self, line: str) -> None:
+        self.gaps += 1
+        if len(self.lines) < LISTED:
+            self.lines.append(line)
+
+
+class Losses:
+    """Takes the messages of a bag in the order of the file and finds what is missing between and after them.
+
+    Blocks have the index of their first scan; any message has its number in its topic, where `recorder_node` wrote the
+    file. A gap in the scans without one in the messages was lost before the recorder.
+    """
+
+    def __init__(self) -> None:
+        self._streams: dict[str, _Stream] = {}
+        self.numbered = True  # whether the messages of the present file are, from 0 on in each topic
+
+    def add(self, topic: str, sequence: int, message: Any) -> None:
+        """Take a decoded message."""
+        stream = self._streams.setdefault(topic, _Stream())
+        skipped = 0
+        if self.numbered:
+            expected = 0 if stream.sequence is None else stream.sequence
+            skipped = max(0, sequence - expected)
+            stream.sequence = sequence + 1
+        stream.missing += skipped
+        stream.messages += 1
+        first, before = _first_of(message), stream.index
+        if first is not None:
+            stream.index = first + scans_of(message)
+            if before is not None and first > before:
+                where = " before the recorder" if self.numbered and not skipped else ""
+                stream.scans += first - before
+                stream.add_gap(f"{topic}: scans {before} to {first - 1} lost{where} ({first - before})")
+                return
+            if before is None and skipped:
+                stream.scans += first
+                stream.add_gap(f"{topic}: {_span(0, skipped)}, before scan {first}")
+                return
+        if skipped:
+            stream.add_gap(f"{topic}: {_span(sequence - skipped, skipped)}")
+
+    def lines(self, counts: Mapping[str, int] | None = None) -> list[str]:
+        """Return a line for each loss; `counts`: the messages written of each topic, where the bag states them."""
+        lines: list[str] = []
+        for topic in sorted(self._streams.keys() | (counts or {}).keys()):
+            stream = self._streams.get(topic, _Stream())
+            lines += stream.lines
+            if stream.gaps > len(stream.lines):
+                lines.append(f"{topic}: and {stream.gaps - len(stream.lines)} more losses, {stream.scans} scans in all")
+            tail = (counts or {}).get(topic, 0) - stream.messages - stream.missing
+            if tail > 0:
+                begin = stream.messages + stream.missing
+                scans = "" if stream.index is None else f": every scan from {stream.index} on"
+                lines.append(f"{topic}: {_span(begin, tail)}, the last{scans}")
+        return lines
+
+    def ends(self) -> list[str]:
+        """Return a line for each stream of blocks: the index of its last scan."""
+        streams = sorted(self._streams.items())
+        return [f"{topic}: ends with scan {one.index - 1}" for topic, one in streams if one.index]
+
+
+def _first_of(message: Any) -> int | None:
+    """Return the index of the first scan of a block; None: a message of another kind, or an invalid one."""
+    try:
+        scans_of(message)
+        return int(message.first_index)
+    except (AttributeError, TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
+def _span(first: int, count: int) -> str:
+    return f"message {first} lost" if count == 1 else f"messages {first} to {first + count - 1} lost ({count})"
 
 
 @dataclass(frozen=True)
@@ -101,7 +190,7 @@ def verify(path: Path) -> Verified:
         before = seen.counts.total()
         for record in records(file):
             seen.take(renumbered(record, place), place)
-        if file.suffix != sqlite.ENDING:
+        if file.suffix != SQLITE_ENDING:
             _read_by_index(file, seen.counts.total() - before)
     folder = files[0].parent
     information = read_metadata(folder)
@@ -129,25 +218,21 @@ def survey(path: Path) -> list[str]:
 def salvaged(file: Path, lines: list[str]) -> Iterator[McapRecord]:
     """Yield the records of a file that are whole; a line for each part that is not goes to `lines`. Raises BagError."""
     left_out = 0
-    if file.suffix == sqlite.ENDING:
-        raise BagError(f"{file}: a bag in sqlite3 is not recovered here; {sqlite.NO_RECOVERY}")
+    if file.suffix == SQLITE_ENDING:
+        raise BagError(f"{file}: a bag in sqlite3 is not recovered here; {NO_RECOVERY}")
     try:
         for record in plain(salvage(file)):
             if not isinstance(record, Damage):
                 yield record
                 continue
             left_out += 1
-            if left_out <= _LISTED:
+            if left_out <= LISTED:
                 size = f", bytes {record.begin} to {record.end - 1}" if record.end > record.begin else ""
                 lines.append(f"{file.name}{size}: {record.why}")
     except OSError as error:
         raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
-    if left_out > _LISTED:
-        lines.append(f"{file.name}: and {left_out - _LISTED} more damaged parts")
-
-
-#: Damaged parts of a file that are listed.
-_LISTED = 20
+    if left_out > LISTED:
+        lines.append(f"{file.name}: and {left_out - LISTED} more damaged parts")
 
 
 def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:

@@ -1,11 +1,13 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a bag that `ros2 bag` reads: MCAP files and metadata.yaml (docs/recording.md)."""
+"""Writes a bag that `ros2 bag` reads, MCAP files and metadata.yaml, and flushes it to the disk (docs/recording.md)."""
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -19,10 +21,66 @@ from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from atpid_control.runs import metadata
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError, in_words
-from atpid_control.runs.flush import Flush
 from atpid_control.runs.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, TopicSummary
+
+
+class Flush:
+    """One thread that flushes files one after the other; it is there from the first flush on.
+
+    A killed process loses nothing that it handed to the kernel: only a power cut does, and only for it is flushed.
+    """
+
+    def __init__(self) -> None:
+        self._thread: ThreadPoolExecutor | None = None
+        self._last: Future[None] | None = None
+        self._begun = self._took = 0.0  # [s]
+
+    @property
+    def seconds(self) -> float:
+        """How long the flush under way has taken so far, or the last one took [s]."""
+        if self._last is None or self._last.done():
+            return self._took
+        return time.monotonic() - self._begun
+
+    def start(self, act: Callable[[], None]) -> None:
+        """Let `act` flush, unless the flush before has not ended. Raises OSError of that before."""
+        if self._last is None or self._last.done():
+            self.add(act)
+
+    def add(self, act: Callable[[], None]) -> None:
+        """Let `act` flush, after the flush before. Raises OSError of that before, where it has ended."""
+        if self._last is not None and self._last.done():
+            self._last.result()
+        self._thread = self._thread or ThreadPoolExecutor(1, "flush")
+        before = self._last
+        self._last = self._thread.submit(self._run, before, act)
+
+    def finish(self) -> None:
+        """Wait until all is flushed, and end the thread. Raises OSError."""
+        last, thread = self._last, self._thread
+        self._last = self._thread = None
+        if thread is not None:
+            thread.shutdown()
+        if last is not None:
+            last.result()
+
+    def abandon(self) -> None:
+        """End the thread once the flush under way has ended, which is not waited for."""
+        if self._thread is not None:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+        self._thread = self._last = None
+
+    def _run(self, before: Future[None] | None, act: Callable[[], None]) -> None:
+        if before is not None:
+            before.result()  # an error of it is that of all that follow
+        self._begun = time.monotonic()
+        try:
+            act()
+        finally:
+            self._took = time.monotonic() - self._begun
+
 
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.3 s of the bench.
 CHUNK = 16_384
@@ -290,6 +348,6 @@ class BagWriter:
             self._flush.abandon()
             self._sink.close()
             raise BagError(
-                f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "
+                f"{self.folder}: recording stopped after {self.summary.whole.count} messages, {in_words(error)}; "
                 f"then `atpid bag recover {self.folder}` makes a whole bag of it"
             ) from None

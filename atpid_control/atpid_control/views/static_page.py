@@ -11,7 +11,7 @@ from importlib.resources import files
 from itertools import chain
 from typing import Any
 
-from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, Panels, legend_below, style
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, Panels, legend_below, style
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,8 @@ def document(title: str, parts: Iterable[str], css: str = "") -> str:
 
 def colours() -> str:
     """Return the colours of both schemes as CSS."""
-    light, dark = (_variables(palette) for palette in (LIGHT, DARK))
+    light, dark = ("".join(f"--{name}:{value};" for name, value in asdict(one).items()) for one in (LIGHT, DARK))
     return f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
-
-
-def _variables(palette: Palette) -> str:
-    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
 
 
 def style_sheet() -> str:

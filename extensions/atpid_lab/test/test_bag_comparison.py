@@ -14,7 +14,7 @@ from recorded import EVENTS, LASER, Capture, block, make, record, refused, short
 from traced_file import Traced
 
 from atpid_control.cli import main
-from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.decode import stamp_of
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.views.report.stages import Stage
 from atpid_control.views.report.view import view_of

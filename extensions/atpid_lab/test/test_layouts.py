@@ -14,7 +14,7 @@ from traced_file import Traced
 
 from atpid_control.cli import main
 from atpid_control.runs import topics
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_lab.traces.records import TEXT
 
 #: What a stand records besides, and no bag in lockstep: by the machine's clock.

@@ -14,8 +14,8 @@ from test_run import BAGS
 from atpid_control.analysis.analyse import analyse
 from atpid_control.analysis.signals import Signals, signals_of
 from atpid_control.cli import main
+from atpid_control.runs.playback import support_series
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
-from atpid_control.runs.support import support_series
 from atpid_control.views.report.page import analysis_of
 from atpid_control.views.report.view import view_of
 from atpid_lab.beam import command as beam_command

@@ -36,7 +36,10 @@ class Address:
     @property
     def url(self) -> str:
         """The page's address, with the token where one is needed."""
-        return f"{_origin(reachable(self.host), self.port)}/{f'?token={self.token}' if self.token else ''}"
+        host = reachable(self.host)
+        return (
+            f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{f'?token={self.token}' if self.token else ''}"
+        )
 
     def may_be_named(self, host: str) -> bool:
         """Whether a request may name this host: on the loopback no other, or a page from elsewhere could reach it."""
@@ -120,7 +123,3 @@ def prepared(host: str, port: int, environment: MutableMapping[str, str] = os.en
     if address.token:
         environment[TOKEN] = address.token
     return address
-
-
-def _origin(host: str, port: int) -> str:
-    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from atpid_common.vocabulary import DRIVES, EventKind, Quality, Severity
-from atpid_control.views.live.efficiency import shares_of
-from atpid_control.views.live.rows import Row, Rows, plain
-from atpid_control.views.live.signals import LastSamples, thinned
-from atpid_control.views.live.state import GraphState
+from atpid_control.views.live.signals import LastSamples, Row, Rows, plain, thinned
+from atpid_control.views.live.state import GraphState, shares_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 

@@ -1,16 +1,19 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a report: self-contained, light or dark by the reader's setting; its template is data/report.html."""
+"""Makes the report of a bag: pictures, and a page, light or dark by the reader's setting, of data/report.html."""
 
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
+from atpid_common.errors import InputError
 from atpid_common.vocabulary import Drive
 from atpid_control.analysis.analyse import Analysis, analyse
 from atpid_control.analysis.rows import rows, shown_unit
@@ -18,8 +21,9 @@ from atpid_control.analysis.signals import AnalysisError, signals_of
 from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
 from atpid_control.views.report.latency import latency_of
-from atpid_control.views.report.stages import Printed, Stage, measured_decrement
-from atpid_control.views.report.view import View, headline, not_arrived, origin_of
+from atpid_control.views.report.picture import save_pictures
+from atpid_control.views.report.stages import Closed, Printed, Stage, measured_decrement
+from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
 from atpid_control.views.static_page import colours, style_sheet
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
@@ -41,14 +45,10 @@ def page(view: View) -> str:
     # a closing tag inside the text would end the script element
     data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     code = {"colours": colours(), "style": style_sheet(), "figures": data, "library": get_plotlyjs(),
-            "script": _data("page.js")}  # fmt: skip
+            "script": files(__package__).joinpath("data", "page.js").read_text(encoding="utf-8")}  # fmt: skip
     pages = Environment(loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined,
                         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # fmt: skip
     return pages.get_template("report.html").render(contents(view, analysis) | code)
-
-
-def _data(name: str) -> str:
-    return files(__package__).joinpath("data", name).read_text(encoding="utf-8")
 
 
 def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
@@ -212,3 +212,56 @@ def number(value: float, form: str, unit: str) -> str:
     if float(text) == 0.0:  # rounded to zero, it has no sign
         text = text.lstrip("+-")
     return f"{text} {unit}".replace("-", "−")
+
+
+PAGE = "report.html"
+#: Marks a folder of the bench (stand/outdir.py).
+_RUN = "bench.json"
+_FILES = {PAGE, *(f"{name}{scheme}.png" for name in ("overview", "grain") for scheme in ("", "-dark"))}
+
+
+class ReportError(InputError):
+    """A report that cannot be written."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was made."""
+
+    page: Path
+    pictures: list[Path]
+    stages: list[Stage]
+    headline: str
+    missing: list[str]  # what is not in the bag and should be
+
+
+def check_folder(out: Path) -> None:
+    """Raise ReportError where `out` holds anything but an earlier report or a run of the bench."""
+    if not out.is_dir() or (out / _RUN).is_file():
+        return
+    foreign = sorted(item.name for item in out.iterdir() if item.name not in _FILES)
+    if foreign:
+        raise ReportError(
+            f"--out: given {out}, which holds files that are not a report's ({', '.join(foreign[:3])}); "
+            "give an empty or a new folder"
+        )
+
+
+def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
+    """Write `out`/report.html and the pictures of a recorded run; return what was made.
+
+    `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
+    Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
+    """
+    return write_report(view_of(bag, closed), out)
+
+
+def write_report(view: View, out: Path) -> Report:
+    """Write page and pictures of a run that has been read; see `report`."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        pictures = save_pictures(view, out)
+        (out / PAGE).write_text(page(view), encoding="utf-8")
+    except OSError as error:
+        raise ReportError(f"{out}: cannot write the report ({error.strerror}); choose another folder") from None
+    return Report(out / PAGE, pictures, view.stages, headline(view), view.run.missing)

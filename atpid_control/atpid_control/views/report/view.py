@@ -10,11 +10,13 @@ import numpy as np
 
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.tables import TRUTH
-from atpid_control.views.report.comparison import Closed, closed_height, closed_motion
 from atpid_control.views.report.stages import (
+    Closed,
     Printed,
     Stage,
     beside,
+    closed_height,
+    closed_motion,
     measure,
     per_cent,
     true_amplitude,

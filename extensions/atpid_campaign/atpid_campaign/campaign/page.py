@@ -19,7 +19,7 @@ from atpid_campaign.campaign.plan import Campaign
 from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
 from atpid_control.views.report.charts import Figure, Marked, points
-from atpid_control.views.report.make import PAGE, report
+from atpid_control.views.report.page import PAGE, report
 from atpid_control.views.static_page import Link, document, facts, table, warnings
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress

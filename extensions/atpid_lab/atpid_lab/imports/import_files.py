@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from atpid_common.errors import one_line
 from atpid_common.files import check
 from atpid_common.message_checks import time_out_of_range
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Reader, Series, formats
 from atpid_control.runs.metadata import new_run

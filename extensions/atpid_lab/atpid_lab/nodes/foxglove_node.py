@@ -15,12 +15,10 @@ from atpid_common.nodes.checked import Dropped
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Entry, declare
 from atpid_control.nodes.bag_qos import class_of, subscription_qos
-from atpid_control.runs.cdr import decoder_of
-from atpid_control.runs.contents import kind_of, reason_to_leave_out
-from atpid_control.runs.decode import Decoder
+from atpid_control.runs.decode import Decoder, stamp_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.losses import stamp_of
-from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_control.runs.read import kind_of, reason_to_leave_out
+from atpid_control.runs.topics import DEFAULT, Topic, decoder_of, parse
 from atpid_lab.traces.records import TraceRecord
 from atpid_lab.traces.server import HOST, Server
 from atpid_lab.traces.tracer import TraceError, Tracer

@@ -5,7 +5,7 @@
 import foxglove
 
 from atpid_common.errors import InputError
-from atpid_control.runs.definitions import message_type
+from atpid_control.runs.decode import message_type
 from atpid_lab.traces.records import PREFIX, TraceRecord, definition
 
 #: The only address: a viewer on another machine comes through a tunnel (docs/foxglove.md).

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_common.vocabulary import DRIVES, Mode, Quality, RunState
-from atpid_control.runs.losses import scans_of, stamp_of
+from atpid_control.runs.decode import scans_of, stamp_of
 from atpid_lab.traces.markers import Pose, damper
 from atpid_lab.traces.records import LOG, TEXT, TraceRecord, class_of, message, number
 from atpid_sim.scene import Scene
