@@ -11,7 +11,7 @@ from math import isnan
 from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.motor.errors import ProtocolError
+from atpid_driver.motor.faults import ProtocolError
 from atpid_driver.motor.protocol import COMMANDS, SEQUENCES, IdentityReply, StateReply, decode, encode, reply_of
 
 FRAMES_A_BEAT = 150  # about 0.1 s at 250 kbaud

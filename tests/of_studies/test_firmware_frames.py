@@ -26,8 +26,7 @@ from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware
 from atpid_driver.emulator.client import SteppedHost
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
-from atpid_driver.motor.errors import StopNotConfirmedError
-from atpid_driver.motor.faults import MotorFault
+from atpid_driver.motor.faults import MotorFault, StopNotConfirmedError
 from atpid_driver.motor.protocol import PROTOCOL, Refusal, StateReply, decode, encode, reply_of
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings

@@ -3,7 +3,7 @@
 """A host of the emulated board in simulated time: every step is repeatable to the cycle."""
 
 from atpid_driver.emulator.emulator import Emulator
-from atpid_driver.motor.errors import ProtocolError
+from atpid_driver.motor.faults import ProtocolError
 from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of
 
 BEAT_TIME = 0.1

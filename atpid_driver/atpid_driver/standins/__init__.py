@@ -7,7 +7,6 @@ and a `Control` injects faults.
 """
 
 from atpid_driver.standins.build import StandinError, build, environment
-from atpid_driver.standins.control import Control
-from atpid_driver.standins.feed import Feed
+from atpid_driver.standins.files import Control, Feed
 
 __all__ = ["Control", "Feed", "StandinError", "build", "environment"]

@@ -8,7 +8,7 @@ from contextlib import closing
 from atpid_control.stand.added import EXCITER
 from atpid_control.stand.calibration_findings import judged_calibration
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
-from atpid_driver.calibration.convert import shipped_calibrations
+from atpid_driver.calibration.model import shipped_calibrations
 from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_exciter.excitation.outlets import calibration_of
 

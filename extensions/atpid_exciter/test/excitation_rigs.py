@@ -9,7 +9,7 @@ import pytest
 
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.build import environment
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.files import Outputs
 
 
 def calibrate(folder: Path, channel: str, unit: str, coefficients: list[float]) -> None:

@@ -30,7 +30,7 @@ from atpid_common.nodes.parameters import declare
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import ExciterKind, ExciterMode, Frame, Quality
 from atpid_driver import DriverError
-from atpid_driver.calibration.convert import shipped_calibrations
+from atpid_driver.calibration.model import shipped_calibrations
 from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
