@@ -23,8 +23,7 @@ import pytest
 import yaml
 
 from atpid_campaign.doctor import devices
-from atpid_campaign.doctor.checks import CHECKS, GROUP, all_checks, block, examine, verdict_of
-from atpid_campaign.doctor.command import add_arguments
+from atpid_campaign.doctor.command import CHECKS, GROUP, add_arguments, all_checks, block, examine, verdict_of
 from atpid_common.claim import claimed
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError

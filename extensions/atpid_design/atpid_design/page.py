@@ -11,9 +11,8 @@ from atpid_control.views.static_page import Cell, document, drawn, facts, table,
 from atpid_design import motor
 from atpid_design.beside_tuned_mass import MassRow
 from atpid_design.make import Design
-from atpid_design.picture import panels
+from atpid_design.picture import panels, sketch
 from atpid_design.problem import STANDARD_GRAVITY, Problem, Uncertainty
-from atpid_design.sketch import sketch
 from atpid_design.worst_case import Interval, Point
 
 _CSS = """

@@ -21,7 +21,7 @@ import numpy as np
 
 from atpid_design.forces import forces
 from atpid_design.problem import Case, Problem, case, cases, drawn_frequencies
-from atpid_design.today import bare_range
+from atpid_design.tuned_mass import bare_range
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
 from atpid_sim.maps.approaches import at_once, opened
 from atpid_sim.maps.best import Best

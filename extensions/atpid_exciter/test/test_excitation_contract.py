@@ -29,9 +29,9 @@ from atpid_driver.standins import Control, build
 from atpid_driver.standins.files import OUTPUT_HEADER, Outputs
 from atpid_exciter.excitation import ExcitationSettings, drive_of, guarded
 from atpid_exciter.excitation.drive import Output, OutputLostError
-from atpid_exciter.excitation.limits import OFF, Command, CommandRefusedError
 from atpid_exciter.excitation.outlet_process import PERIOD
 from atpid_exciter.excitation.outlets import OUTLETS, T7Stream, calibration_of
+from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 from atpid_exciter.excitation.signals import Generator
 
 pytestmark = repeated_after_a_halt

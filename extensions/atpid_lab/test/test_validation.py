@@ -14,8 +14,7 @@ from bag_files import RATE, ROOT, without_pictures
 from recorded import Capture, refused
 
 from atpid_control.cli import main
-from atpid_lab.validation.compare import Agreement, compare, driven_scene
-from atpid_lab.validation.measured import Measured
+from atpid_lab.validation.compare import Agreement, Measured, compare, driven_scene
 from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array

@@ -37,7 +37,7 @@ from atpid_driver.nodes.supervised_node import SupervisedNode
 from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_exciter.excitation.drive import Output, OutputLostError
 from atpid_exciter.excitation.hold import Hold
-from atpid_exciter.excitation.limits import OFF, Command, CommandRefusedError
+from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 
 #: The node's parameters, as `ExcitationSettings` declares them.
 TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))

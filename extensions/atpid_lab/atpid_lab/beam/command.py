@@ -16,8 +16,7 @@ from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
-from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, fit_beam
-from atpid_lab.beam.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, BeamParameters, fit_beam, from_added_mass, from_known_mass
 
 #: Arguments of the example in the help.
 EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"

@@ -21,9 +21,9 @@ from atpid_control.runs.decode import Decoder
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import stamp_of
 from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_lab.traces.file import TraceError, Tracer
 from atpid_lab.traces.records import TraceRecord
 from atpid_lab.traces.server import HOST, Server
-from atpid_lab.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
