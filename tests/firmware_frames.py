@@ -10,7 +10,7 @@ from math import isnan
 
 from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
-from atpid_driver.emulator.client import SteppedHost
+from atpid_driver.emulator.emulator import SteppedHost
 from atpid_driver.motor.faults import ProtocolError
 from atpid_driver.motor.protocol import COMMANDS, SEQUENCES, IdentityReply, StateReply, decode, encode, reply_of
 

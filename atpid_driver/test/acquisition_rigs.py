@@ -18,7 +18,7 @@ from atpid_driver.acquisition.protocol import Acquisition, Channel, LabJackSetti
 from atpid_driver.acquisition.simulated import SERIAL as SIMULATED_SERIAL
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.files import SERIAL
+from atpid_driver.standins.device import SERIAL
 
 BACKENDS = ("simulated", "labjack", "nidaqmx", "nidaqmx-grpc")
 

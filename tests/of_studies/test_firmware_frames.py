@@ -24,7 +24,7 @@ from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware
-from atpid_driver.emulator.client import SteppedHost
+from atpid_driver.emulator.emulator import SteppedHost
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
 from atpid_driver.motor.faults import MotorFault, StopNotConfirmedError
 from atpid_driver.motor.protocol import PROTOCOL, Refusal, StateReply, decode, encode, reply_of

@@ -23,18 +23,7 @@ from atpid_driver.acquisition.protocol import (
 from atpid_driver.acquisition.registry import Backend
 
 __all__ = [
-    "Acquisition",
-    "AcquisitionError",
-    "AcquisitionSettings",
-    "Backend",
-    "Block",
-    "Channel",
-    "DeviceIdentity",
-    "DeviceMissingError",
-    "LibraryMissingError",
-    "NotStreamingError",
-    "SetupRefusedError",
-    "StreamLostError",
-    "WrongDeviceError",
-    "setting",
+    "Acquisition", "AcquisitionError", "AcquisitionSettings", "Backend", "Block", "Channel", "DeviceIdentity",
+    "DeviceMissingError", "LibraryMissingError", "NotStreamingError", "SetupRefusedError", "StreamLostError",
+    "WrongDeviceError", "setting",
 ]  # fmt: skip

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.polynomial.polynomial import polyval, polyvander
 from numpy.typing import NDArray
 
@@ -121,6 +120,8 @@ INK, ACCENT, BAND = "#222222", "#b3261e", "#f2c9c5"
 
 def draw(result: Fit, calibration: Calibration, path: Path) -> None:
     """Write the picture of a fit to `path` (PNG, SVG or PDF by its ending)."""
+    from matplotlib.figure import Figure  # here: it takes a second to load
+
     factor, unit = PREFIXES.get(calibration.unit, (1.0, calibration.unit))
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])

@@ -37,7 +37,7 @@ from atpid_driver import DriverError
 from atpid_driver.calibration.model import calibrations_of, load, si_of, volts_of
 from atpid_driver.nodes.acquisition_parameters import check_topic
 from atpid_driver.standins import Feed
-from atpid_driver.standins.files import FEED_MAGIC, Outputs
+from atpid_driver.standins.device import FEED_MAGIC, Outputs
 
 EXCITER = (
     Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
@@ -91,19 +91,13 @@ class EmulatedExciter:
 
 EMULATED = "emulated"
 IDLE_S = 0.01
+_NOISE_TEXT = "standard deviation of the sensors' noise: a real laser has some, a frozen one none"
 CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
 PARAMETERS = (
     Entry("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
     Entry("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     Entry("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
-    Entry(
-        "noise",
-        3e-4,
-        "standard deviation of the sensors' noise: a real laser has some, a frozen one none",
-        "V",
-        0.0,
-        1.0,
-    ),
+    Entry("noise", 3e-4, _NOISE_TEXT, "V", 0.0, 1.0),
     Entry("rest", [0.0], "reading of each channel until the plant moves it; one entry stands for all", "m or N"),
     Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),

@@ -33,7 +33,7 @@ from atpid_control.stand.findings import Finding, Subject, Verdict
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.files import SERIAL
+from atpid_driver.standins.device import SERIAL
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENE = ROOT / "scenes/stand_realtime.yaml"

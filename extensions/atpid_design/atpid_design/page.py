@@ -9,10 +9,10 @@ from html import escape
 from atpid_control.views.report.stages import per_cent
 from atpid_control.views.static_page import Cell, document, drawn, facts, table, warnings
 from atpid_design import motor
-from atpid_design.beside_tuned_mass import MassRow
 from atpid_design.make import Design
 from atpid_design.picture import panels, sketch
 from atpid_design.problem import STANDARD_GRAVITY, Problem, Uncertainty
+from atpid_design.tuned_mass import MassRow
 from atpid_design.worst_case import Interval, Point
 
 _CSS = """

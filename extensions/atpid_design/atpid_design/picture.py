@@ -48,18 +48,15 @@ def _grains(axes: Any, made: Design) -> None:
     axes.vlines(scale * x, low, high, color=LIGHT.soft, lw=6.0)
     axes.plot(scale * x, low, color=LIGHT.own, lw=1.2, label="least, over amplitudes and corners")
     axes.plot(scale * x, expected, "o", color=LIGHT.own, ms=4.0, label="least expected")
-    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {_mass(made)}")
+    grams = 1e3 * made.grain_mass
+    chosen = f"{made.grain_mass:.3g} kg" if grams >= 1e3 else f"{grams:.3g} g"
+    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {chosen}")
     target = getattr(made.problem, f"target_{aim}")
     if target is not None:
         axes.axhline(100.0 * target, color=LIGHT.accent, ls="--", lw=1.0, label="target")
     _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", f"{aim} [%]")
     axes.set_ylim(min(low.min(), 100.0 * getattr(made, aim)[0], 0.0) - 3.0, 100.0)
     axes.set_xlim(0.0, None)
-
-
-def _mass(made: Design) -> str:
-    grams = 1e3 * made.grain_mass
-    return f"{made.grain_mass:.3g} kg" if grams >= 1e3 else f"{grams:.3g} g"
 
 
 def _efficiency(axes: Any, made: Design) -> None:

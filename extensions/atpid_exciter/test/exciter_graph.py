@@ -32,7 +32,7 @@ from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
 from atpid_driver.standins import Control
-from atpid_driver.standins.files import DATA_OFFSET, OUTPUT_HEADER, QUEUE, Outputs
+from atpid_driver.standins.device import DATA_OFFSET, OUTPUT_HEADER, QUEUE, Outputs
 from atpid_exciter.nodes.excitation_node import ExcitationNode
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ from atpid_driver import NotReadyError
 from atpid_driver.acquisition.labjack import load_ljm
 from atpid_driver.acquisition.protocol import StreamLostError, WrongDeviceError
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.files import OUTPUT_HEADER, Outputs
+from atpid_driver.standins.device import OUTPUT_HEADER, Outputs
 from atpid_exciter.excitation import ExcitationSettings, drive_of, guarded
 from atpid_exciter.excitation.drive import Output, OutputLostError
 from atpid_exciter.excitation.outlet_process import PERIOD

@@ -50,12 +50,7 @@ def _read_csv_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
 
 
 CSV = FileFormat(
-    "csv",
-    (".csv",),
-    Holds.ONE,
-    read=_reader("csv_file"),
-    read_table=_read_csv_table,
-    write=_writer("csv_file"),
+    "csv", (".csv",), Holds.ONE, read=_reader("csv_file"), read_table=_read_csv_table, write=_writer("csv_file")
 )
 TEXT = FileFormat("text", (".txt", ".tsv", ".dat", ".asc"), Holds.ONE, read=_reader("csv_file"))
 UFF = FileFormat("uff", (".uff", ".unv"), Holds.SAMPLES, read=_reader("uff_file"), write=_writer("uff_file"))

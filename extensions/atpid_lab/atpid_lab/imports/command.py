@@ -247,13 +247,8 @@ def _wanted(given: str) -> tuple[str, str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add(
-        "files",
-        type=file_path,
-        nargs="+",
-        metavar="FILE",
-        help=f"of one bag; it ends in {', '.join(sorted(readers()))}",
-    )
+    endings = f"of one bag; it ends in {', '.join(sorted(readers()))}"
+    add("files", type=file_path, nargs="+", metavar="FILE", help=endings)
     add("--out", type=file_path, required=True, metavar="BAG", help="folder of the bag: a new one")
     channels = "take these, named so; a value is factor x column in the unit, which is converted to SI; default: all"
     add("--channels", type=_wanted, nargs="+", default=[], metavar="NAME=COLUMN[:unit[:factor]]", help=channels)

@@ -4,7 +4,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,18 +29,10 @@ EXAMPLE = "bags/thesis_4_3_short --out out/agreement"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add(
-        "recording",
-        type=file_path,
-        metavar="RECORDING",
-        help="a bag, of one that is cut off what is there, or a .csv table with time, support and beam",
-    )
-    add(
-        "--scene",
-        type=file_path,
-        metavar="SCENE.yaml",
-        help="beam, grain and contact; default: the scene kept in the bag",
-    )
+    recording = "a bag, of one that is cut off what is there, or a .csv table with time, support and beam"
+    add("recording", type=file_path, metavar="RECORDING", help=recording)
+    scene = "beam, grain and contact; default: the scene kept in the bag"
+    add("--scene", type=file_path, metavar="SCENE.yaml", help=scene)
     add("--height", type=positive("m"), metavar="H", help="a fixed ceiling [m]; default: as recorded")
     add_part(parser, "begin of the part compared")
     add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
@@ -58,7 +49,10 @@ def run(args: argparse.Namespace) -> int:
     recorded = open_run(args.recording)
     measured = read_measured(recorded, args.begin, args.end)
     scene = scene_of(recorded) if args.scene is None else load_scene(args.scene)
-    _write_series(measured, series)
+    times = np.arange(len(measured.support)) / measured.rate
+    with output.writing(series):
+        np.savetxt(series, np.column_stack([times, measured.support]), fmt="%.12g", delimiter=",",
+                   header=f"time,{measured.drive.channel}", comments="")  # fmt: skip
     driven = driven_scene(scene, measured, series.resolve(), args.height)
     with output.writing(kept):
         kept.write_text(driven.to_yaml(), encoding="utf-8")
@@ -73,13 +67,6 @@ def run(args: argparse.Namespace) -> int:
     notes = [f"not to be trusted: {line}" for line in faults]
     title = f"{args.recording} beside its simulation"
     return give(args, numbers, file, Shown(title, _table(found, measured), notes, picture, panels(found)))
-
-
-def _write_series(measured: Measured, path: Path) -> None:
-    times = np.arange(len(measured.support)) / measured.rate
-    with output.writing(path):
-        np.savetxt(path, np.column_stack([times, measured.support]), fmt="%.12g", delimiter=",",
-                   header=f"time,{measured.drive.channel}", comments="")  # fmt: skip
 
 
 def _table(found: Agreement, measured: Measured) -> Table:

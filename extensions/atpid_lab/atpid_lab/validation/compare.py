@@ -179,7 +179,8 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
         raise ValidationError("the ceiling's height was not recorded; give --height")
     else:
         ceiling = {"profile": _profile(measured.ceiling, measured.duration, 2.0 * scene.grain.radius)}
-    closed = _first_height(ceiling) <= 2.0 * scene.grain.radius + _CLOSED
+    first = float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
+    closed = first <= 2.0 * scene.grain.radius + _CLOSED
     left_out = 0.0 if closed else _UNKNOWN * period
     if left_out + _FEWEST * period > measured.duration:
         raise ValidationError(
@@ -229,7 +230,3 @@ def _profile(heights: Array, duration: float, least: float) -> list[list[float]]
     changes = np.abs(np.diff(values)) > _STANDS
     kept = np.concatenate([[True], changes]) | np.concatenate([changes, [True]])
     return [[float(t), float(h)] for t, h in zip(knots[kept], values[kept], strict=True)]
-
-
-def _first_height(ceiling: dict[str, Any]) -> float:
-    return float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
