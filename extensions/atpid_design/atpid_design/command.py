@@ -126,7 +126,8 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 
 def _summary(made: Design) -> Table:
-    from atpid_design.page import headline, mass, structure, tone, verdict
+    from atpid_design.page import headline, structure, tone, verdict
+    from atpid_design.picture import mass
 
     drive, (low, high) = made.motor, made.heights
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)

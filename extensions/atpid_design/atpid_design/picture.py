@@ -19,6 +19,11 @@ def panels(made: Design) -> Panels:
     return list(zip(first[::2], first[1::2], strict=True))
 
 
+def mass(value: float) -> str:
+    """Return a mass [kg] in words."""
+    return f"{value:.3g} kg" if value >= 1.0 else f"{1e3 * value:.3g} g"
+
+
 def _title(axes: Any, text: str, x: str, y: str) -> None:
     axes.set(title=text, xlabel=x, ylabel=y)
 
@@ -48,9 +53,7 @@ def _grains(axes: Any, made: Design) -> None:
     axes.vlines(scale * x, low, high, color=LIGHT.soft, lw=6.0)
     axes.plot(scale * x, low, color=LIGHT.own, lw=1.2, label="least, over amplitudes and corners")
     axes.plot(scale * x, expected, "o", color=LIGHT.own, ms=4.0, label="least expected")
-    grams = 1e3 * made.grain_mass
-    chosen = f"{made.grain_mass:.3g} kg" if grams >= 1e3 else f"{grams:.3g} g"
-    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {chosen}")
+    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {mass(made.grain_mass)}")
     target = getattr(made.problem, f"target_{aim}")
     if target is not None:
         axes.axhline(100.0 * target, color=LIGHT.accent, ls="--", lw=1.0, label="target")
