@@ -20,7 +20,7 @@ from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.line import Disturbance, InjectedFaults
 from atpid_driver.motor.dialogue import Dialogue
-from atpid_driver.motor.errors import LinkError
+from atpid_driver.motor.faults import LinkError
 from atpid_driver.motor.settings import MotorSettings
 
 #: Step of the common clock [s]: an answer is never read earlier than the board has sent it.

@@ -24,7 +24,7 @@ from atpid_control.stand.nodes import policy
 from atpid_control.stand.nodes.policy import OPERATOR, Rights
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.running import commands_of, run_realtime
-from atpid_lab.traces.server import Server, ServerError
+from atpid_lab.nodes.foxglove_node import Server, ServerError
 
 #: Height the intruder commands [m]; the scene's own heights are others.
 FOREIGN = 0.95

@@ -11,8 +11,7 @@ from atpid_common.channel_monitor import ChannelState
 from atpid_control.identification import Identifier, Quality, Settings
 from atpid_control.loop.hold import Hold, HoldSettings
 from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
-from atpid_driver.calibration.convert import si_of, volts_of
-from atpid_driver.calibration.model import load
+from atpid_driver.calibration.model import load, si_of, volts_of
 
 RATE, BLOCK, FAILS = 1000.0, 50, 2370
 AMPLITUDE, FREQUENCY = 0.03, 5.49

@@ -14,12 +14,11 @@ from grpc_server import Server
 
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
-from atpid_driver.acquisition.protocol import Acquisition
-from atpid_driver.acquisition.settings import Channel, LabJackSettings, NiSettings, SimulatedSettings
+from atpid_driver.acquisition.protocol import Acquisition, Channel, LabJackSettings, NiSettings, SimulatedSettings
 from atpid_driver.acquisition.simulated import SERIAL as SIMULATED_SERIAL
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.control import SERIAL
+from atpid_driver.standins.device import SERIAL
 
 BACKENDS = ("simulated", "labjack", "nidaqmx", "nidaqmx-grpc")
 

@@ -25,7 +25,7 @@ from atpid_driver.acquisition import (
 from atpid_driver.acquisition.contract import AcquisitionContract
 from atpid_driver.acquisition.labjack import LabJackAcquisition, load_ljm, skew_s
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
-from atpid_driver.acquisition.settings import LabJackSettings, NiSettings, checked
+from atpid_driver.acquisition.protocol import LabJackSettings, NiSettings, checked
 from atpid_driver.standins import Control, Feed, build
 
 LJM, NIDAQMX = (build() / name for name in ("libLabJackM.so", "libnidaqmx.so"))

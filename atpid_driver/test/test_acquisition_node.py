@@ -232,7 +232,7 @@ def test_bad_parameters_end_the_program_with_status_2_and_one_line(capfd: pytest
 OWN = """
 from typing import Literal
 from atpid_driver.acquisition import Backend, setting
-from atpid_driver.acquisition.settings import SimulatedSettings
+from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
 class OwnSettings(SimulatedSettings):
     gain: float = setting(2.0, "gain of the amplifier", "1", 0.1, 100.0)

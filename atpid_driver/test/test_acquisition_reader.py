@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from atpid_common.testing import PATIENCE
 from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
+from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.reader import Backoff, Reader
-from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 

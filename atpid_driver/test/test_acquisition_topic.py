@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from atpid_driver import DriverError
 from atpid_driver.acquisition import Acquisition, Channel, topic
 from atpid_driver.acquisition.contract import AcquisitionContract
-from atpid_driver.acquisition.errors import StreamLostError
+from atpid_driver.acquisition.protocol import StreamLostError
 from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
 from atpid_driver.clock import earliest_line
 from atpid_driver.nodes.acquisition_node import AcquisitionNode

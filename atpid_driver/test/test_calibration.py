@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 from atpid_common.cli import run_commands
 from atpid_common.testing import check_notices
-from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
-from atpid_driver.calibration.model import CalibrationError, load, save
+from atpid_driver.calibration.model import CalibrationError, Counts, block_si, load, save, si_of, volts_of
 from atpid_driver.standins import build
 
 main = partial(run_commands, "atpid", "", {"": {

@@ -17,8 +17,7 @@ from motor_rigs import board, need_emulator
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.vocabulary import Mode
-from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.emulator.emulator import EEPROM_SIZE, Emulator, EmulatorError
+from atpid_driver.emulator.emulator import EEPROM_SIZE, Emulator, EmulatorError, SteppedHost
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16, encode
 

@@ -26,8 +26,7 @@ from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Reading
 from atpid_driver.motor.faults import MotorFault, in_words
 from atpid_driver.motor.known_motion import ANNOUNCED, KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
-from atpid_driver.motor.simulated import SimulatedActuator
-from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.motor.simulated import FaultyActuator, SimulatedActuator
 from atpid_driver.nodes.motor_node import MotorNode
 
 pytestmark = repeated_after_a_halt

@@ -15,8 +15,7 @@ from motor_rigs import words
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
 from atpid_driver.motor.dialogue import CONFIRM_TIME, LINK_TIME, NO_LINK, STOP_REPEAT, Dialogue
-from atpid_driver.motor.errors import LinkError
-from atpid_driver.motor.faults import NO_FAULT, MotorFault
+from atpid_driver.motor.faults import NO_FAULT, LinkError, MotorFault
 from atpid_driver.motor.protocol import decode, encode
 from atpid_driver.motor.settings import MotorSettings
 

@@ -31,9 +31,9 @@ from atpid_common.nodes.parameters import ParameterError
 from atpid_common.nodes.single_instance import StartedTwiceError, claim
 from atpid_common.testing import repeated_after_a_halt
 from atpid_driver.motor.faults import MotorFault, in_words
-from atpid_driver.motor.freshness import Freshness
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes import authority, motor_node
+from atpid_driver.nodes.authority import Freshness
 from atpid_driver.nodes.motor_node import MotorNode
 
 pytestmark = repeated_after_a_halt

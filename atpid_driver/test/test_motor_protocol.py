@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor import protocol as p
 from atpid_driver.motor.ceiling_actuator import Limits
-from atpid_driver.motor.errors import IdentityError, LimitsError, ProtocolError
-from atpid_driver.motor.faults import MotorFault
+from atpid_driver.motor.faults import IdentityError, LimitsError, MotorFault, ProtocolError
 from atpid_driver.motor.session import MotorSession, check_identity
 
 IDENTITY = b"$1,ID,ATPID-MOTOR,1.0.0,1,1,POWER,17000,1000000,300000,0*C0EE\n"

@@ -19,8 +19,14 @@ from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import HeightRefusedError, LimitsError, LinkError, StopNotConfirmedError
-from atpid_driver.motor.faults import WORDS, MotorFault
+from atpid_driver.motor.faults import (
+    WORDS,
+    HeightRefusedError,
+    LimitsError,
+    LinkError,
+    MotorFault,
+    StopNotConfirmedError,
+)
 from atpid_driver.motor.serial_actuator import SerialActuator
 
 pytestmark = repeated_after_a_halt

@@ -14,11 +14,17 @@ from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError, NotReadyError, SettingsError
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Reading
-from atpid_driver.motor.errors import HeightRefusedError, LimitsError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, WORDS, MotorFault, in_words
+from atpid_driver.motor.faults import (
+    HEARTBEAT_TIME,
+    NO_FAULT,
+    WORDS,
+    HeightRefusedError,
+    LimitsError,
+    MotorFault,
+    in_words,
+)
 from atpid_driver.motor.settings import MotorSettings
-from atpid_driver.motor.simulated import SimulatedActuator, Travel
-from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.motor.simulated import FaultyActuator, SimulatedActuator, Travel
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
 SECOND = 10**9

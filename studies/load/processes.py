@@ -11,7 +11,7 @@ from pathlib import Path
 
 import yaml
 
-from atpid_driver.calibration.convert import shipped_calibrations
+from atpid_driver.calibration.model import shipped_calibrations
 from atpid_driver.standins import build, environment
 
 LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"

@@ -24,8 +24,7 @@ from atpid_common.injected_faults import CEILING, KINDS, TO_THE_SWITCH, Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
-from atpid_driver.motor.simulated import SimulatedActuator
-from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.motor.simulated import FaultyActuator, SimulatedActuator
 from atpid_driver.nodes.motor_node import MotorNode
 
 LONG = settings.get_current_profile_name() == "long"

@@ -24,10 +24,9 @@ from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware
-from atpid_driver.emulator.client import SteppedHost
+from atpid_driver.emulator.emulator import SteppedHost
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
-from atpid_driver.motor.errors import ProtocolError, StopNotConfirmedError
-from atpid_driver.motor.faults import MotorFault
+from atpid_driver.motor.faults import MotorFault, ProtocolError, StopNotConfirmedError
 from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, SEQUENCES, Refusal, StateReply, decode, encode, reply_of
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings

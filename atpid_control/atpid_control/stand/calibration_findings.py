@@ -7,8 +7,7 @@ import datetime
 import numpy as np
 
 from atpid_control.stand.findings import Finding, judged
-from atpid_driver.calibration.convert import si_of
-from atpid_driver.calibration.model import Calibration
+from atpid_driver.calibration.model import Calibration, si_of
 
 #: A calibration is made anew after this many days; readings that one needs; its residual over its range [-].
 _OLD, _READINGS, _RESIDUAL = 365, 7, 0.01

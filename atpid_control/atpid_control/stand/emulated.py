@@ -31,9 +31,7 @@ from atpid_control.stand.parts import (
 )
 from atpid_control.stand.running import PLAIN, Commands, RosOptions, command_of
 from atpid_driver.calibration.model import Calibration, save
-from atpid_driver.standins.build import build, environment
-from atpid_driver.standins.control import Control
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.device import Control, Outputs, build, environment
 from atpid_sim.scene import Scene
 
 #: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.

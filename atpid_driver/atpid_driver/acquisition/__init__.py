@@ -5,32 +5,25 @@
 The names here are those that a backend of another distribution is written with (docs/extend.md).
 """
 
-from atpid_driver.acquisition.errors import (
+from atpid_driver.acquisition.protocol import (
+    Acquisition,
     AcquisitionError,
+    AcquisitionSettings,
+    Block,
+    Channel,
+    DeviceIdentity,
     DeviceMissingError,
     LibraryMissingError,
     NotStreamingError,
     SetupRefusedError,
     StreamLostError,
     WrongDeviceError,
+    setting,
 )
-from atpid_driver.acquisition.protocol import Acquisition, Block, DeviceIdentity
 from atpid_driver.acquisition.registry import Backend
-from atpid_driver.acquisition.settings import AcquisitionSettings, Channel, setting
 
 __all__ = [
-    "Acquisition",
-    "AcquisitionError",
-    "AcquisitionSettings",
-    "Backend",
-    "Block",
-    "Channel",
-    "DeviceIdentity",
-    "DeviceMissingError",
-    "LibraryMissingError",
-    "NotStreamingError",
-    "SetupRefusedError",
-    "StreamLostError",
-    "WrongDeviceError",
-    "setting",
+    "Acquisition", "AcquisitionError", "AcquisitionSettings", "Backend", "Block", "Channel", "DeviceIdentity",
+    "DeviceMissingError", "LibraryMissingError", "NotStreamingError", "SetupRefusedError", "StreamLostError",
+    "WrongDeviceError", "setting",
 ]  # fmt: skip

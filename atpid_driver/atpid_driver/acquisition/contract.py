@@ -12,8 +12,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from atpid_driver.acquisition.errors import NotStreamingError, WrongDeviceError
-from atpid_driver.acquisition.protocol import Acquisition
+from atpid_driver.acquisition.protocol import Acquisition, NotStreamingError, WrongDeviceError
 
 BLOCKS = 8
 

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from atpid_common.errors import extras
-from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
-from atpid_driver.acquisition.settings import LabJackSettings
+from atpid_driver.acquisition import protocol
+from atpid_driver.acquisition.protocol import Device, DeviceIdentity, LabJackSettings, Volts
 
 DUMMY_VOLTS = -9999.0
 BUFFER_BYTES = 32768
@@ -29,22 +28,22 @@ MISSING_LIBRARY = (
     "LabJack's library libLabJackM.so is not installed: install LJM from labjack.com (Software, LJM installer for "
     "Linux), or set `library` to its path"
 )
-HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
-    1227: (errors.DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
-    1230: (errors.DeviceMissingError, "another program holds the T7: close it"),
-    1239: (errors.StreamLostError, "the T7 was unplugged or lost power"),
-    1301: (errors.StreamLostError, "the computer fell behind and LJM's buffer is full"),
-    1303: (errors.StreamLostError, "the stream is not running any more"),
-    1306: (errors.StreamLostError, "the T7's packets stopped in the middle of a scan"),
-    1309: (errors.StreamLostError, "the T7 sends no scans"),
-    2605: (errors.StreamLostError, "a stream is already active on this T7: another program may use it"),
-    2606: (errors.SetupRefusedError, "the T7 refuses the stream set-up: check rate, channels and resolution_index"),
+HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
+    1227: (protocol.DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
+    1230: (protocol.DeviceMissingError, "another program holds the T7: close it"),
+    1239: (protocol.StreamLostError, "the T7 was unplugged or lost power"),
+    1301: (protocol.StreamLostError, "the computer fell behind and LJM's buffer is full"),
+    1303: (protocol.StreamLostError, "the stream is not running any more"),
+    1306: (protocol.StreamLostError, "the T7's packets stopped in the middle of a scan"),
+    1309: (protocol.StreamLostError, "the T7 sends no scans"),
+    2605: (protocol.StreamLostError, "a stream is already active on this T7: another program may use it"),
+    2606: (protocol.SetupRefusedError, "the T7 refuses the stream set-up: check rate, channels and resolution_index"),
     2942: (
-        errors.SetupRefusedError,
+        protocol.SetupRefusedError,
         "a scan takes longer than the scan period: lower rate, channels or resolution_index",
     ),
-    1250: (errors.SetupRefusedError, "a terminal is not an analogue input of the T7: use AIN0 to AIN13"),
-    1294: (errors.SetupRefusedError, "a terminal or register name is unknown to LJM: use AIN0 to AIN13"),
+    1250: (protocol.SetupRefusedError, "a terminal is not an analogue input of the T7: use AIN0 to AIN13"),
+    1294: (protocol.SetupRefusedError, "a terminal or register name is unknown to LJM: use AIN0 to AIN13"),
 }
 
 
@@ -57,13 +56,13 @@ def load_ljm(path: str = "") -> Any:
     try:
         if path:
             ctypes.CDLL(path)
-        with contextlib.redirect_stdout(io.StringIO()), extras("LabJack", errors.LibraryMissingError):
+        with contextlib.redirect_stdout(io.StringIO()), extras("LabJack", protocol.LibraryMissingError):
             module: Any = importlib.import_module("labjack.ljm.ljm")
         if module._staticLib is None:
             module._staticLib = ctypes.CDLL("libLabJackM.so")
     except OSError as error:
         detail = f" (tried {path!r}: {error})" if path else ""
-        raise errors.LibraryMissingError(MISSING_LIBRARY + detail) from None
+        raise protocol.LibraryMissingError(MISSING_LIBRARY + detail) from None
     return module
 
 
@@ -78,7 +77,7 @@ def call(ljm: Any, name: str, *arguments: object) -> Any:
     try:
         return getattr(ljm, name)(*arguments)
     except ljm.LJMError as error:
-        kind, hint = HINTS.get(error.errorCode, (errors.StreamLostError, "see LabJack's list of LJM error codes"))
+        kind, hint = HINTS.get(error.errorCode, (protocol.StreamLostError, "see LabJack's list of LJM error codes"))
         raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None
 
 
@@ -97,14 +96,14 @@ class T7:
         self._ljm = load_ljm(library)
         self._handle = None
         if serial:
-            with contextlib.suppress(errors.DeviceMissingError):
+            with contextlib.suppress(protocol.DeviceMissingError):
                 self._handle = int(call(self._ljm, "openS", "T7", connection, serial))
         if self._handle is None:
             self._handle = int(call(self._ljm, "openS", "T7", connection, "ANY"))
         found = int(self._call("getHandleInfo")[2])
         if serial not in (0, found):
             self.close()
-            raise errors.WrongDeviceError(f"the T7 has serial number {found}, expected {serial}: set `serial`")
+            raise protocol.WrongDeviceError(f"the T7 has serial number {found}, expected {serial}: set `serial`")
         return found
 
     def _call_ignoring(self, codes: frozenset[int], name: str) -> None:
@@ -112,7 +111,7 @@ class T7:
             return
         try:
             self._call(name)
-        except errors.AcquisitionError as error:
+        except protocol.AcquisitionError as error:
             if error.code not in codes:
                 raise
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from atpid_common.errors import extras
-from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
-from atpid_driver.acquisition.settings import Channel, NiSettings
+from atpid_driver.acquisition import protocol
+from atpid_driver.acquisition.protocol import Channel, Device, DeviceIdentity, NiSettings, Volts
 
 BUFFER_SECONDS = 10.0
 READ_TIMEOUT = 2.0
@@ -26,21 +25,24 @@ MISSING_RUNTIME = (
     "NI-DAQmx is not installed: install the NI-DAQmx driver from ni.com (`python -m nidaqmx installdriver`), set "
     "`library` to the path of libnidaqmx.so, or set `grpc` to the PC that has the hardware"
 )
-HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
-    -200279: (errors.StreamLostError, "the computer fell behind and samples were overwritten"),
-    -200284: (errors.StreamLostError, "the module sends no samples"),
-    -200088: (errors.StreamLostError, "the task does not exist any more"),
-    -201003: (errors.DeviceMissingError, "the module cannot be reached: check cable and power"),
-    -200324: (errors.DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
-    -200220: (errors.DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
-    -200170: (errors.SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
-    -200077: (errors.SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
+HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
+    -200279: (protocol.StreamLostError, "the computer fell behind and samples were overwritten"),
+    -200284: (protocol.StreamLostError, "the module sends no samples"),
+    -200088: (protocol.StreamLostError, "the task does not exist any more"),
+    -201003: (protocol.DeviceMissingError, "the module cannot be reached: check cable and power"),
+    -200324: (protocol.DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
+    -200220: (protocol.DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
+    -200170: (protocol.SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
+    -200077: (
+        protocol.SetupRefusedError,
+        "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n",
+    ),
 }
 
 
 def load_nidaqmx(path: str = "") -> Any:
     """Return the package `nidaqmx`; with `path`, it loads NI's library from there instead of searching."""
-    with extras("NI module", errors.LibraryMissingError):
+    with extras("NI module", protocol.LibraryMissingError):
         package = importlib.import_module("nidaqmx")
     if path:
         loader: Any = importlib.import_module("nidaqmx._lib")
@@ -55,15 +57,15 @@ def named_errors(nidaqmx: Any, where: str = "") -> Iterator[None]:
     try:
         yield
     except theirs.DaqNotFoundError:
-        raise errors.LibraryMissingError(MISSING_RUNTIME) from None
+        raise protocol.LibraryMissingError(MISSING_RUNTIME) from None
     except theirs.RpcError as error:
-        raise errors.DeviceMissingError(
+        raise protocol.DeviceMissingError(
             f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
         ) from None
     except theirs.DaqError as error:
         code = int(error.error_code)
         text = str(error).splitlines()[0]
-        kind, hint = HINTS.get(code, (errors.StreamLostError, text))
+        kind, hint = HINTS.get(code, (protocol.StreamLostError, text))
         raise kind(f"{hint} (NI-DAQmx {code})", code) from None
 
 
@@ -123,7 +125,7 @@ class NiAcquisition(Device):
         try:
             with self._named_errors():
                 task.close()
-        except errors.AcquisitionError:
+        except protocol.AcquisitionError:
             task._handle = None  # so that its finaliser does not warn about a task that the module has lost already
 
     def close(self) -> None:
@@ -138,7 +140,7 @@ class NiAcquisition(Device):
         if not self._settings.grpc:
             return None
         if self._link is None:
-            with extras("NI module on another PC", errors.LibraryMissingError):
+            with extras("NI module on another PC", protocol.LibraryMissingError):
                 import grpc
 
             self._link = grpc.insecure_channel(self._settings.grpc)

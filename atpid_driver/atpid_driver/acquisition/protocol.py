@@ -1,16 +1,161 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol that every acquisition device implements."""
+"""What every acquisition device has: its errors, its settings, and the protocol that it implements.
 
-from collections.abc import Callable
+Settings are checked before any device is opened. The acquisition nodes declare a ROS parameter for each setting of a
+backend: `setting` gives it description and unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from atpid_driver.acquisition.errors import AcquisitionError, NotStreamingError, WrongDeviceError
-from atpid_driver.acquisition.settings import AcquisitionSettings
+from atpid_driver import DriverError
+
+
+class AcquisitionError(DriverError):
+    """A device could not be opened, set up or read."""
+
+    def __init__(self, message: str, code: int | None = None) -> None:
+        super().__init__(message)
+        self.code = code  # the vendor's error code, None where the driver itself detected the fault
+
+
+class LibraryMissingError(AcquisitionError):
+    """The vendor's library is not installed."""
+
+
+class DeviceMissingError(AcquisitionError):
+    """No device was found where one is expected."""
+
+
+class WrongDeviceError(AcquisitionError):
+    """A device was found, but not the one asked for."""
+
+
+class StreamLostError(AcquisitionError):
+    """A running stream ended by itself: unplugged, overrun, stalled."""
+
+
+class NotStreamingError(AcquisitionError):
+    """A block was asked for while no stream is running."""
+
+    retry = False
+
+
+class SetupRefusedError(AcquisitionError):
+    """The device cannot do what was asked: rate, channel, range."""
+
+    retry = False
+
+
+T7_RANGES = (10.0, 1.0, 0.1, 0.01)
+
+S = TypeVar("S", bound="AcquisitionSettings")
+
+
+def setting(default: Any, description: str, unit: str = "", low: float | None = None, high: float | None = None) -> Any:
+    """Return a field with a default, a description, an SI unit and the range `low` to `high`, where there is one."""
+    return Field(default, description=description, ge=low, le=high, json_schema_extra={"unit": unit})
+
+
+class Channel(BaseModel):
+    """One input: its name in the messages and where it is wired."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(min_length=1)]
+    terminal: Annotated[str, Field(min_length=1)]
+    kind: Literal["voltage", "iepe"] = "voltage"
+
+
+class AcquisitionSettings(BaseModel):
+    """What all backends need: which device (serial 0: any), which channels, how fast [Hz], scans a block."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    serial: Annotated[int, Field(ge=0)] = 0
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
+    rate: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+    scans_per_block: Annotated[int, Field(ge=1)]
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> AcquisitionSettings:
+        names = [channel.name for channel in self.channels]
+        if len(set(names)) != len(names):
+            raise ValueError(f"channel names {names} are not all different: give each its own")
+        return self
+
+
+class SimulatedSettings(AcquisitionSettings):
+    """Sines of one amplitude, offset and frequency, paced like a device."""
+
+    amplitude: float = setting(1.0, "of the simulated backend's sines", "V", 0.0, 100.0)
+    offset: float = setting(3.0, "of the simulated backend's sines", "V", -100.0, 100.0)
+    frequency: float = setting(5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0)
+
+
+class LabJackSettings(AcquisitionSettings):
+    """A T7 over LJM; `library` is a path to libLabJackM.so where the loader does not find it by name."""
+
+    connection: Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"] = setting("ANY", "how the T7 is connected")
+    voltage_range: float = setting(10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0)
+    resolution_index: int = setting(0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8)
+    settling_us: float = setting(0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0)
+    converter_noise: float = setting(
+        6e-4, "readings of a constant voltage spread no further; a sensor that spreads no more is frozen", "V", 0.0, 1.0
+    )
+    library: str = ""
+
+    @field_validator("voltage_range")
+    @classmethod
+    def _has_range(cls, volts: float) -> float:
+        if volts not in T7_RANGES:
+            raise ValueError(f"a T7 has the ranges {', '.join(f'{one:g}' for one in T7_RANGES)} V")
+        return volts
+
+
+class NiSettings(AcquisitionSettings):
+    """An NI-9230 through NI-DAQmx here, or on another PC through NI's gRPC device server at `grpc` ("host:port")."""
+
+    device: str = Field("cDAQ1Mod1", min_length=1, description="the module's name in NI MAX")
+    voltage_range: float = setting(30.0, "input range", "V", 0.001, 100.0)
+    excitation_current: float = setting(0.004, "current of IEPE inputs", "A", 0.0, 0.02)
+    grpc: str = setting("", "host:port of NI's gRPC device server on another PC; empty: the driver on this one")
+    library: str = ""
+
+
+def wired(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `channels` and `scans_per_block` as a backend takes them, of the parameters of an acquisition node.
+
+    Raises SetupRefusedError.
+    """
+    names, terminals, kinds = (list(values.get(key, ["voltage"])) for key in ("channels", "terminals", "kinds"))
+    kinds *= len(names) if len(kinds) == 1 else 1
+    if not len(names) == len(terminals) == len(kinds):
+        raise SetupRefusedError(
+            f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
+        )
+    wiring = zip(names, terminals, kinds, strict=True)
+    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
+    return {"channels": channels, "scans_per_block": max(1, round(values["rate"] / values["blocks_per_second"]))}
+
+
+def checked(model: type[S], values: dict[str, object]) -> S:
+    """Return settings made of `values`; raise SetupRefusedError: one line with what was given and what is allowed."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "settings"
+        raise SetupRefusedError(f"{key} = {first['input']!r} is refused: {first['msg']}") from None
+
 
 Volts = NDArray[np.float64]
 

@@ -17,8 +17,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
-from atpid_driver.acquisition.protocol import Acquisition, Block, DeviceIdentity
+from atpid_driver.acquisition.protocol import (
+    Acquisition,
+    AcquisitionError,
+    Block,
+    DeviceIdentity,
+    StreamLostError,
+    WrongDeviceError,
+)
 from atpid_driver.clock import DeviceClock
 
 log = logging.getLogger("atpid_driver.acquisition")

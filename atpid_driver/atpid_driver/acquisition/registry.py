@@ -9,14 +9,14 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
-from atpid_driver.acquisition.errors import SetupRefusedError
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
-from atpid_driver.acquisition.protocol import Acquisition
-from atpid_driver.acquisition.settings import (
+from atpid_driver.acquisition.protocol import (
+    Acquisition,
     AcquisitionSettings,
     LabJackSettings,
     NiSettings,
+    SetupRefusedError,
     SimulatedSettings,
     checked,
 )

@@ -8,9 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import DeviceMissingError, StreamLostError
-from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
-from atpid_driver.acquisition.settings import SimulatedSettings
+from atpid_driver.acquisition.protocol import (
+    Device,
+    DeviceIdentity,
+    DeviceMissingError,
+    SimulatedSettings,
+    StreamLostError,
+    Volts,
+)
 
 SERIAL = 1
 

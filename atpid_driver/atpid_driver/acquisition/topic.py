@@ -16,9 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from atpid_driver.acquisition.errors import DeviceMissingError, SetupRefusedError, StreamLostError
-from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
-from atpid_driver.acquisition.settings import AcquisitionSettings, setting
+from atpid_driver.acquisition.protocol import (
+    AcquisitionSettings,
+    Device,
+    DeviceIdentity,
+    DeviceMissingError,
+    SetupRefusedError,
+    StreamLostError,
+    Volts,
+    setting,
+)
 from atpid_driver.clock import earliest_line
 
 #: Largest difference of the measured rate from the one asked for [-]; time over which it is measured [s], and messages.

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     positions, volts = read_readings(arguments.readings)
     result = fit(positions, volts, arguments.degree)
     calibration = calibration_of(result, arguments)
-    from atpid_driver.calibration.picture import draw  # matplotlib takes a second to load
+    from atpid_driver.calibration.fit import draw  # matplotlib takes a second to load
 
     comment = f"Made from {arguments.readings.name} by `atpid calibrate sensor`."
     with output.writing(out):

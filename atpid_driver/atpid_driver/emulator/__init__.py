@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated motor stand: the real firmware on an emulated Mega 2560 behind a pty, for tests and demonstrations."""
 
-from atpid_driver.emulator.build import PACKAGES, build_emulator, build_firmware, missing_tools
-from atpid_driver.emulator.emulator import Emulator
+from atpid_driver.emulator.emulator import PACKAGES, Emulator, build_emulator, build_firmware, missing_tools
 
 __all__ = ["PACKAGES", "Emulator", "build_emulator", "build_firmware", "missing_tools"]

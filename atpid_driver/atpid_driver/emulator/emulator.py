@@ -1,16 +1,83 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The emulator as a context manager: start, run, inject faults, read the state, end."""
+"""The emulator as a context manager: build it with the firmware, start, run, inject faults, read the state, end."""
 
 from __future__ import annotations
 
+import fcntl
 import json
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from atpid_common.errors import InputError
-from atpid_driver.emulator.build import build_emulator, build_firmware
+from atpid_common.folders import cache_root, content_key, share_folder
+from atpid_driver.motor.faults import ProtocolError
+from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of
+
+SOURCE: Final = Path(__file__).resolve().parent / "data"
+PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"
+
+_NEEDED: Final[dict[str, Path]] = {
+    "gcc-avr": Path("/usr/bin/avr-g++"),
+    "binutils-avr": Path("/usr/bin/avr-objcopy"),
+    "avr-libc": Path("/usr/lib/avr/include/avr/io.h"),
+    "arduino-core-avr": Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino/Arduino.h"),
+    "libsimavr-dev": Path("/usr/include/simavr/sim_avr.h"),
+    "libelf-dev": Path("/usr/include/libelf.h"),
+}
+
+
+class EmulatorUnavailableError(InputError):
+    """Tools to build the firmware or the emulator are missing, or a build failed."""
+
+
+def missing_tools() -> tuple[str, ...]:
+    """Return the Debian packages that are missing on this machine to build firmware and emulator."""
+    return tuple(package for package, witness in _NEEDED.items() if not witness.exists())
+
+
+def build_firmware(table: Path | None = None, folder: Path | None = None) -> Path:
+    """Build the firmware and return its ELF file; `table` is an exported look-up table's header.
+
+    Raises `EmulatorUnavailableError` where the tools are missing or the build fails.
+    """
+    source = share_folder("atpid_driver") / "firmware"
+    build = folder or _build_folder("firmware", source)
+    _make(source, build, *([f"TABLE={table}"] if table else []))
+    return build / "atpid_motor.elf"
+
+
+def build_emulator() -> Path:
+    """Build the emulator and return its executable. Raises `EmulatorUnavailableError` as `build_firmware`."""
+    build = _build_folder("emulator", SOURCE)
+    _make(SOURCE, build)
+    return build / "emulator"
+
+
+def _build_folder(name: str, source: Path) -> Path:
+    """Return where to build, a folder of the user's cache named after the contents of the sources."""
+    built = source / "build"
+    files = (path for path in source.rglob("*") if path.is_file() and built not in path.parents)
+    return cache_root() / f"{name}-{content_key(source, files)}"
+
+
+def _make(source: Path, build: Path, *variables: str) -> None:
+    missing = missing_tools()
+    if missing or not shutil.which("make"):
+        raise EmulatorUnavailableError(
+            f"the emulated motor stand needs {', '.join(missing or ('make',))}: sudo apt-get install {PACKAGES}"
+        )
+    build.mkdir(parents=True, exist_ok=True)
+    command = ["make", "-C", str(source), f"BUILD={build}", *variables]
+    with (build / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # two test runs at once must not build into each other
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise EmulatorUnavailableError(f"make in {source} failed: {(done.stderr or done.stdout).strip()}")
+
 
 EEPROM_SIZE = 4096  # of the ATmega2560
 
@@ -151,3 +218,63 @@ def _check_eeprom(path: Path) -> None:
         raise EmulatorError(f"--eeprom {path}: exists and is no EEPROM of {EEPROM_SIZE} bytes; give a new file's name")
     if not path.parent.is_dir():
         raise EmulatorError(f"--eeprom {path}: there is no folder {path.parent}")
+
+
+BEAT_TIME = 0.1
+BOOT_TIME = 0.05
+
+
+class SteppedHost:
+    """Sends requests and steps simulated time explicitly; there is no port and no thread."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        """Disconnect the serial port and let the board start."""
+        self.emulator = emulator
+        self.sequence = 0
+        emulator.do("unplug")
+        emulator.run(BOOT_TIME)
+        emulator.received()
+
+    def frame(self, word: str, *arguments: int | str) -> bytes:
+        """Return the next request's bytes."""
+        self.sequence = (self.sequence + 1) % 65536
+        return encode(self.sequence, word, *arguments)
+
+    def request(self, word: str, *arguments: int | str, seconds: float = 0.01) -> Reply:
+        """Send a command, advance by `seconds`, return the answer. Raises `ProtocolError` if it is not the only one."""
+        (answer,) = self.answers(self.frame(word, *arguments), seconds)
+        if answer.sequence != self.sequence:
+            raise ProtocolError(f"answer {answer.sequence} to request {self.sequence}")
+        return reply_of(answer)
+
+    def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
+        """Send bytes, advance by `seconds`, return every frame received."""
+        self.emulator.send(data)
+        self.emulator.drain(seconds)
+        return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
+
+    def state(self) -> StateReply:
+        """Return the state without a heartbeat."""
+        return self._state("STATE", 0.01)
+
+    def beat(self, seconds: float) -> StateReply:
+        """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
+        for _ in range(max(1, round(seconds / BEAT_TIME)) - 1):
+            self.request("BEAT", seconds=BEAT_TIME)
+        return self._state("BEAT", BEAT_TIME)
+
+    def make_ready(self) -> StateReply:
+        """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
+        for word in ("ID", "ARM", "HOME"):
+            self.request(word)
+        for _ in range(100):
+            state = self.beat(BEAT_TIME)
+            if state.homed:
+                return state
+        raise ProtocolError(f"homing did not end: {state}")
+
+    def _state(self, word: str, seconds: float) -> StateReply:
+        reply = self.request(word, seconds=seconds)
+        if not isinstance(reply, StateReply):
+            raise ProtocolError(f"{word} was refused: {reply}")
+        return reply

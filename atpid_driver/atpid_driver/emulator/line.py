@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Protocol
 
 from atpid_common.injected_faults import Injected, active_fault
-from atpid_driver.motor.errors import ProtocolError
+from atpid_driver.motor.faults import ProtocolError
 from atpid_driver.motor.protocol import decode, encode, micrometres
 
 #: Between two looks whether the host has opened its port [s].

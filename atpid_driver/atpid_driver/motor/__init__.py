@@ -4,8 +4,7 @@
 
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
 from atpid_driver.motor.settings import BACKENDS, MotorSettings
-from atpid_driver.motor.simulated import SimulatedActuator
-from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.motor.simulated import FaultyActuator, SimulatedActuator
 
 __all__ = ["BACKENDS", "CeilingActuator", "MotorSettings", "actuator_of"]
 

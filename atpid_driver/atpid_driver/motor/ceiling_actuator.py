@@ -12,8 +12,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
-from atpid_driver.motor.errors import HeightRefusedError, LimitsError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, HeightRefusedError, LimitsError, MotorFault
 
 
 @dataclass(frozen=True, slots=True)

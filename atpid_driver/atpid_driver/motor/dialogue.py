@@ -19,8 +19,7 @@ from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError, NotReadyError
 from atpid_driver.clock import DeviceClock
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import LinkError
-from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
+from atpid_driver.motor.faults import NO_FAULT, LinkError, MotorFault, in_words
 from atpid_driver.motor.protocol import NAME, IdentityReply, Refusal, Reply, StateReply
 from atpid_driver.motor.session import (
     Arming,

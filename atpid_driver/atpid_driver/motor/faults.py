@@ -1,9 +1,15 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The fault table: bit, name and text. Bits 0 to 15 are the firmware's; docs/motor_protocol.md has the same table."""
+"""What can be wrong with the motor: the fault table (bit, name and text), and the errors of commands and of the link.
+
+Bits 0 to 15 are of the firmware; docs/motor_protocol.md has the same table. The message of an error is one line with
+what was given, what is allowed and what to do.
+"""
 
 from enum import IntFlag
 from typing import Final
+
+from atpid_driver import DriverError, SettingsError
 
 
 class MotorFault(IntFlag):
@@ -58,3 +64,31 @@ WORDS: Final[dict[MotorFault, str]] = {
 def in_words(faults: MotorFault) -> str:
     """Return the faults in words, separated by "; "; empty for none."""
     return "; ".join(WORDS[bit] for bit in MotorFault if bit in faults)
+
+
+class LimitsError(SettingsError):
+    """The limits asked for are not possible, or not inside those built into the firmware."""
+
+
+class HeightRefusedError(DriverError):
+    """A height outside the limits; the ceiling stays on its present target."""
+
+
+class CommandStaleError(DriverError):
+    """A command that waited longer than the time-out between receipt and execution."""
+
+
+class LinkError(DriverError):
+    """The port is missing, taken, silent or was pulled out."""
+
+
+class StopNotConfirmedError(LinkError):
+    """A stop that the board has not confirmed in time; it goes on being sent."""
+
+
+class IdentityError(LinkError):
+    """The board at the port does not run the firmware of this driver."""
+
+
+class ProtocolError(DriverError):
+    """A frame that breaks the protocol: wrong check sum, form or field."""

@@ -14,8 +14,7 @@ from math import nan
 from typing import Final
 
 from atpid_common.vocabulary import Mode
-from atpid_driver.motor.errors import ProtocolError
-from atpid_driver.motor.faults import MotorFault
+from atpid_driver.motor.faults import MotorFault, ProtocolError
 
 PROTOCOL: Final = 1
 NAME: Final = "ATPID-MOTOR"

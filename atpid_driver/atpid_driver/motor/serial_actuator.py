@@ -15,8 +15,7 @@ from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError, NotReadyError, SettingsError
 from atpid_driver.motor.ceiling_actuator import Identity, Reading
-from atpid_driver.motor.errors import StopNotConfirmedError
-from atpid_driver.motor.faults import in_words
+from atpid_driver.motor.faults import StopNotConfirmedError, in_words
 from atpid_driver.motor.link import Link
 from atpid_driver.motor.protocol import micrometres
 from atpid_driver.motor.settings import MotorSettings

@@ -11,7 +11,7 @@ from typing import Final
 
 from atpid_driver.motor import protocol
 from atpid_driver.motor.ceiling_actuator import Limits
-from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, ProtocolError
+from atpid_driver.motor.faults import IdentityError, LimitsError, LinkError, ProtocolError
 
 VERSION: Final = "1."
 SPEED_TOLERANCE: Final = 0.05

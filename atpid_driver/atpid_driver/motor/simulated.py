@@ -7,14 +7,216 @@ A travel is kept as its start, not summed step by step, so any sequence of readi
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, isnan, nan
+from math import copysign, expm1, isnan, nan
 
-from atpid_common.injected_faults import Injected
+import numpy as np
+
+from atpid_common.injected_faults import TO_THE_SWITCH, Injected, active_fault
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
 from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
-from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault, in_words
+
+_STEP_NS = 1_000_000
+_STEP = _STEP_NS * 1e-9  # [s]
+#: No more than this is computed at once [ns]: a clock that was set is no time that passed.
+_LONGEST = 10_000_000_000
+#: A motor that is on and moves the reading less than this in so long stalls [m], [s].
+_STALL, _STALL_TIME = 0.003, 0.3
+#: Steps of the reading, moves against the command and moves with the motor off that are no motion of this motor [m].
+_JUMP = 0.005
+#: How long a move may take: its distance over the speed times this, and so much more [-], [s].
+_OVERTIME, _OVERTIME_MORE = 1.5, 0.5
+#: How long a random direction of the motor lasts [s].
+_DIRECTION = 0.1
+
+
+class FaultyActuator(SimulatedCeiling):
+    """A simulated ceiling with injected faults of `motor` and `height_sensor`; latched faults need `activate`."""
+
+    NAME = "simulated ceiling with injected faults"
+
+    def __init__(self, limits: Limits, initial_height: float, faults: Sequence[Injected]) -> None:
+        """Stand at `initial_height` [m], NaN: unknown until `place`. Times of `faults` are those of `now`."""
+        self.limits = limits
+        self._injected = tuple(faults)
+        self._random = np.random.default_rng(0)
+        self.true_height = initial_height
+        self._reading = self._lagging = self._target = initial_height
+        self._past: list[float] = []  # true heights, one a step
+        self._faults, self._sequence, self._now = NO_FAULT, 0, -1
+        self._on, self._direction, self._driven, self._chosen = False, 1.0, 0.0, 1.0
+        self._running = self._allowed = 0.0  # how long the motor is on, and may be [s]
+        self._origin = self._mark = initial_height  # reading when the motor was switched; that a stall is judged by
+
+    def with_faults(self, faults: Sequence[Injected], now: int) -> "FaultyActuator":
+        """Return itself, with these faults from now on and no others; their times are those of `now`."""
+        self._injected = tuple(faults)
+        return self
+
+    def continue_from(self, reading: Reading, now: int) -> None:
+        """Go on as another simulated ceiling, by its reading at `now` [ns]: in its mode, on its way to its target."""
+        self._now = self._alive = now
+        self._faults = reading.faults
+        self._mode = reading.mode if reading.mode in (Mode.UNCONFIGURED, Mode.DISARMED) else Mode.HOLDING
+        if reading.mode is Mode.MOVING:
+            self.move(reading.target, reading.sequence, now)
+        self._sequence = reading.sequence
+
+    @property
+    def placed(self) -> bool:
+        """Whether it is known where the ceiling stands."""
+        return not isnan(self.true_height)
+
+    def place(self, height: float, now: int) -> None:
+        """Stand at `height` [m]."""
+        self.true_height = self._reading = self._lagging = self._target = self._origin = height
+        self._now = now
+
+    def activate(self, now: int) -> None:
+        """Arm, with latched faults cleared; raise NotReadyError where the cause is still there."""
+        self._advance(now)
+        if self._mode is not Mode.UNCONFIGURED and self.placed and isnan(self._reading):
+            raise NotReadyError(f"not armed: {in_words(MotorFault.SENSOR_LOW)}")
+        super().activate(now)
+        self._faults = NO_FAULT
+
+    def move(self, height: float, sequence: int, now: int) -> None:
+        """Travel to `height` [m] as the sensor reads it; NaN: stop there and stay."""
+        self._advance(now)
+        if self._mode is not Mode.HOLDING or self._faults or not self.placed:
+            state = "fault latched" if self._faults else self._mode.name.lower()
+            raise NotReadyError(f"ceiling height {height:g} m refused: the motor is {state}; activate it")
+        goal = self._reading if isnan(height) else self.limits.check(height)
+        self._sequence = sequence
+        if goal == self._target:
+            return
+        self._target = goal
+        distance = goal - self._reading
+        self._on, self._direction = abs(distance) > self.limits.speed * _STEP, copysign(1.0, distance)
+        self._origin = self._mark = self._reading
+        self._running, self._allowed = 0.0, _OVERTIME * abs(distance) / self.limits.speed + _OVERTIME_MORE
+
+    def _lose_heartbeat(self) -> None:
+        self._faults |= MotorFault.HEARTBEAT
+
+    def _state(self, now: int) -> Reading:
+        """Return what the height sensor reads at `now` [ns] and what the motor does."""
+        self._advance(now)
+        armed = self._mode is Mode.HOLDING
+        if armed and not self.placed:
+            return Reading(mode=Mode.HOMING, speed=self.limits.speed)
+        mode = Mode.FAULT if armed and self._faults else Mode.MOVING if armed and self._on else self._mode
+        return Reading(
+            mode=mode,
+            homed=armed,
+            faults=self._faults,
+            height=self._reading,
+            target=self._target if mode in (Mode.HOLDING, Mode.MOVING) else nan,
+            velocity=self._direction * self.limits.speed if mode is Mode.MOVING else 0.0,
+            speed=self.limits.speed,
+            sequence=self._sequence,
+        )
+
+    def close(self) -> None:
+        """Close."""
+        super().close()
+        self._on = False
+
+    def _halt(self, now: int, mode: Mode) -> None:
+        self._advance(now)
+        self._on, self._mode = False, mode
+        self._target = self._origin = self._reading
+
+    # motion and sensor
+
+    def _advance(self, now: int) -> None:
+        if not self.placed or not 0 <= now - self._now <= _LONGEST:
+            self._now = now
+        while now - self._now >= _STEP_NS:
+            self._now += _STEP_NS
+            self._step(self._now * 1e-9)
+
+    def _step(self, time: float) -> None:
+        velocity = self._velocity(time)
+        # there a switch cuts the motor's supply, whatever drives it; below, the grain holds the ceiling
+        top = self.limits.highest + TO_THE_SWITCH
+        self.true_height = min(max(self.true_height + velocity * _STEP, self.limits.lowest), top)
+        self._past = [*self._past[-20_000:], self.true_height] if self._delay else []
+        before, self._reading = self._reading, self._sensed(time)
+        if self._mode is not Mode.HOLDING:
+            return
+        self._running = self._running + _STEP if self._on else 0.0
+        self._faults |= self._found(before)
+        arrived = (self._target - self._reading) * self._direction <= 0.0
+        if self._on and (arrived or self._faults):
+            self._on, self._origin = False, self._reading
+            if arrived:
+                self._origin = self._target
+
+    @property
+    def _delay(self) -> bool:
+        return any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
+
+    def _velocity(self, time: float) -> float:
+        """Return how the ceiling really moves [m/s]."""
+        fault = active_fault(self._injected, time, "motor")
+        usual = self._direction * self.limits.speed if self._on else 0.0
+        kind = fault.kind if fault else ""
+        if kind == "stuck":
+            self._driven = usual or self._driven
+            return self._driven
+        self._driven = 0.0
+        if fault is None:
+            return usual
+        if kind == "garbage" and round(self._running / _STEP) % round(_DIRECTION / _STEP) == 0:
+            self._chosen = float(self._random.choice((-1.0, 1.0)))
+        late = self._running < fault.value if kind == "delayed" else False
+        factor = {"off": 0.0, "wrong": -1.0, "slow": fault.value, "garbage": self._chosen}
+        return 0.0 if late or fault.gap(time) else usual * factor.get(kind, 1.0)
+
+    def _sensed(self, time: float) -> float:
+        """Return what the height sensor reads [m]; NaN: nothing."""
+        fault, true = active_fault(self._injected, time, "height_sensor"), self.true_height
+        if fault is None or fault.kind != "slow":
+            self._lagging = true
+        if fault is None:
+            return true
+        if fault.kind == "slow":
+            self._lagging -= expm1(-_STEP / fault.value) * (true - self._lagging)
+        back = round(fault.value / _STEP) if fault.kind == "delayed" else 0
+        readings = {
+            "off": nan,
+            "stuck": self._reading,
+            "garbage": float(self._random.uniform(self.limits.lowest, self.limits.highest)),
+            "wrong": true + fault.value,
+            "slow": self._lagging,
+            "delayed": self._past[-min(back + 1, len(self._past))] if self._past else true,
+            "intermittent": nan if fault.gap(time) else true,
+        }
+        return readings[fault.kind]
+
+    # the checks, which the firmware makes too
+
+    def _found(self, before: float) -> MotorFault:
+        found, reading, origin = NO_FAULT, self._reading, self._origin
+        if isnan(reading):
+            return MotorFault.SENSOR_LOW
+        if abs(reading - before) > _JUMP:
+            found |= MotorFault.SENSOR_JUMP
+        if not self._on:
+            return found | (MotorFault.UNCOMMANDED if abs(reading - origin) > _JUMP else NO_FAULT)
+        if (reading - origin) * self._direction < -_JUMP:
+            found |= MotorFault.WRONG_WAY
+        if self._running > self._allowed:
+            found |= MotorFault.OVERTIME
+        window = round(_STALL_TIME / _STEP)
+        if round(self._running / _STEP) % window == 0:
+            near = abs(self._target - reading) < _STALL
+            found |= MotorFault.STALL if abs(reading - self._mark) < _STALL and not near else NO_FAULT
+            self._mark = reading
+        return found
+
 
 NANO = 1e-9
 

@@ -33,7 +33,7 @@ from atpid_driver.acquisition import DeviceIdentity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
 from atpid_driver.acquisition.topic import TopicAcquisition
-from atpid_driver.calibration.convert import block_si
+from atpid_driver.calibration.model import block_si
 from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.channel_watch import ChannelWatch
 from atpid_driver.nodes.device_node import DeviceNode

@@ -13,11 +13,10 @@ from rclpy.parameter import Parameter
 from atpid_common.nodes.parameters import Entry, ParameterError, declare
 from atpid_common.vocabulary import Frame
 from atpid_driver.acquisition import AcquisitionSettings, SetupRefusedError
+from atpid_driver.acquisition.protocol import wired
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
-from atpid_driver.acquisition.settings import wired
-from atpid_driver.calibration.convert import calibrations_of, check_channels
-from atpid_driver.calibration.model import Calibration
+from atpid_driver.calibration.model import Calibration, calibrations_of, check_channels
 from atpid_driver.nodes.channel_watch import THRESHOLDS
 
 TYPES = Parameter.Type

@@ -15,8 +15,7 @@ from atpid_common.channel_monitor import ChannelState
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.parameters import Entry, Publish
 from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
-from atpid_driver.calibration.convert import Counts
-from atpid_driver.calibration.model import Calibration
+from atpid_driver.calibration.model import Calibration, Counts
 
 Floats = NDArray[np.float64]
 THRESHOLDS = (

@@ -11,15 +11,17 @@ voltage becomes the plant's `emulated/excitation/state`.
 
 import sys
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from atpid_interfaces.msg import CeilingState, Event, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, ExcitationState, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
@@ -30,29 +32,72 @@ from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Entry, declare
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Frame
 from atpid_driver import DriverError
-from atpid_driver.calibration.convert import calibrations_of, volts_of
+from atpid_driver.calibration.model import calibrations_of, load, si_of, volts_of
 from atpid_driver.nodes.acquisition_parameters import check_topic
-from atpid_driver.nodes.emulated_exciter import PARAMETERS as EXCITER
-from atpid_driver.nodes.emulated_exciter import EmulatedExciter
 from atpid_driver.standins import Feed
-from atpid_driver.standins.feed import MAGIC
+from atpid_driver.standins.device import FEED_MAGIC, Outputs
+
+EXCITER = (
+    Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
+    Entry("output_calibration", "", "calibration file of that output, drive_amplitude or drive_frequency"),
+    Entry("disc", 0.0, "amplitude of an eccentric drive's disc, whose frequency the output is", "", 0.0, 1e6),
+)
+#: Between two states; what is looked at for each [s].
+PERIOD, WINDOW = 0.05, 0.06
+#: A tone below this share of the range is none.
+_NOISE = 1e-4
+
+
+class EmulatedExciter:
+    """Publishes emulated/excitation/state: what DAC0, of a shaker over DAC1, really does, whatever the node says."""
+
+    def __init__(self, node: Node, values: Mapping[str, Any], topic: str) -> None:
+        """Open the output. Raises CalibrationError for an invalid calibration file."""
+        self._node, self._disc = node, float(values["disc"])
+        self._calibration = load(Path(values["output_calibration"]))
+        self._outputs = Outputs(Path(values["output"]))
+        self._frequency = 0.0  # of the node's last state [Hz]: the voltage's amplitude is fitted at it
+        self._states = node.create_publisher(ExcitationState, topic, STATES)
+        subscribe(node, ExcitationState, "excitation/state", self._on_state, STATES)
+        node.create_timer(PERIOD, self._publish, clock=STEADY)
+
+    def _on_state(self, state: ExcitationState) -> None:
+        self._frequency = state.frequency or self._frequency
+
+    def _publish(self) -> None:
+        amplitude, frequency, volts = self._level() if self._disc else self._tone()
+        running = ExcitationState.RUNNING if amplitude else ExcitationState.OFF
+        header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=Frame.SUPPORT)
+        self._states.publish(ExcitationState(
+            header=header, mode=running, amplitude=amplitude, frequency=frequency, output=volts))  # fmt: skip
+
+    def _level(self) -> tuple[float, float, float]:
+        volts = self._outputs.volts(0)
+        frequency = float(si_of(self._calibration, np.array([volts]))[0][0])
+        return (self._disc, frequency, volts) if volts > 0.0 and frequency > 0.0 else (0.0, 0.0, volts)
+
+    def _tone(self) -> tuple[float, float, float]:
+        times, volts = self._outputs.recent(WINDOW)
+        low, high = self._calibration.limits_volts
+        peak = float(np.abs(volts).max())
+        if peak < _NOISE * (high - low) or not self._frequency:
+            return 0.0, 0.0, peak
+        angle = 2.0 * np.pi * self._frequency * times
+        parts = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle)], axis=1), volts, rcond=None)[0]
+        return float(np.hypot(*parts) * self._calibration.coefficients[1]), self._frequency, peak
+
 
 EMULATED = "emulated"
 IDLE_S = 0.01
+_NOISE_TEXT = "standard deviation of the sensors' noise: a real laser has some, a frozen one none"
 CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
 PARAMETERS = (
     Entry("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
     Entry("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     Entry("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
-    Entry(
-        "noise",
-        3e-4,
-        "standard deviation of the sensors' noise: a real laser has some, a frozen one none",
-        "V",
-        0.0,
-        1.0,
-    ),
+    Entry("noise", 3e-4, _NOISE_TEXT, "V", 0.0, 1.0),
     Entry("rest", [0.0], "reading of each channel until the plant moves it; one entry stands for all", "m or N"),
     Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
@@ -176,7 +221,7 @@ def _check_replaceable(path: Path) -> None:
     """Raise DriverError where `path` is a file that was not made as a feed: it would be replaced, and then removed."""
     if path.is_file():
         with path.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
+            if file.read(len(FEED_MAGIC)) == FEED_MAGIC:
                 return  # left behind by a node that was killed
     if path.exists() or path.is_symlink():
         raise DriverError(f"parameter feed: given {path}, which exists and is no feed; give the name of a new file")

@@ -1,18 +1,29 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The motor node as others see it: its parameters, and a reading of the ceiling as message and diagnostic status."""
+"""The motor node as others see it: its parameters, a reading of the ceiling as message and diagnostic status.
 
-from dataclasses import MISSING, Field, fields
+And what it does for a simulated ceiling: it starts where that of the plant stands, and has faults injected.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, Field, fields, replace
+from math import isnan
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState
+from atpid_interfaces.msg import CeilingState, PlantTruth
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
+from atpid_common.injected_faults import Injected
 from atpid_common.latency import Latencies
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
+from atpid_common.nodes.messages import STEADY
 from atpid_common.nodes.parameters import Entry, Value
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
@@ -72,3 +83,83 @@ def status_of(
     level = _LEVELS.get(reading.mode, DiagnosticStatus.OK)
     message = in_words(reading.faults) or reading.mode.name.lower()
     return status(node, "ceiling motor", level, message, values, hardware_id)
+
+
+TRUTH = "ceiling/truth"
+ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
+
+
+class PlantCeiling:
+    """Calls `place` once with the height [m] of the plant's ceiling, from the plant's handshake or its last block.
+
+    A motor node that is started in mid-run must not move the plant's ceiling by assuming a height.
+    """
+
+    def __init__(self, node: Node, place: Callable[[float], None]) -> None:
+        """Subscribe to plant/truth until the height is known."""
+        self._node, self._place = node, place
+        # without event handlers, which the lockstep bench takes out of its executor: it could not be destroyed then
+        bare = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._truth: Subscription | None = subscribe(
+            node, PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
+        )
+        self._timer = node.create_timer(ANNOUNCE_AFTER, self._announce, clock=STEADY)
+
+    def _on_truth(self, truth: PlantTruth) -> None:
+        if self._truth is None or not len(truth.ceiling):
+            return
+        self._timer.cancel()
+        self._node.destroy_subscription(self._truth)
+        self._truth = None
+        self._place(truth.ceiling[-1])
+
+    def _announce(self) -> None:
+        self._timer.cancel()
+        self._node.get_logger().warning(
+            "initial_height is NaN: waiting for plant/truth, which holds where the simulated ceiling stands; set "
+            "initial_height [m] where there is no plant"
+        )
+
+
+class FaultInjection:
+    """The faults injected into a ceiling, whose times count from the begin of a run.
+
+    Each call returns the ceiling that has them, which may be another one. With faults a reading may be another height
+    than the ceiling's: where it really stands is published as `ceiling/truth`.
+    """
+
+    def __init__(self, node: Node, begin: int | None) -> None:
+        """Inject none yet; begin: of the run [ns], None: it has not begun."""
+        self._node, self._begin = node, begin
+        self._faults: Sequence[Injected] = ()
+        self._truth: Publisher | None = None
+
+    def change(self, actuator: CeilingActuator, faults: Sequence[Injected], now: int) -> CeilingActuator:
+        """Inject these faults and no others, once the run has begun."""
+        self._faults = faults
+        if faults and self._truth is None:
+            self._truth = self._node.create_publisher(CeilingState, TRUTH, 100)
+        if self._begin is None:
+            return actuator
+        since = self._begin * 1e-9
+        counted = [replace(fault, begin=fault.begin + since, end=fault.end + since) for fault in faults]
+        return actuator.with_faults(counted, now)
+
+    def begin(self, actuator: CeilingActuator, now: int) -> CeilingActuator:
+        """Count the times of the faults from `now` [ns] on, where none are counted yet."""
+        if self._begin is not None:
+            return actuator
+        self._begin = now
+        return self.change(actuator, self._faults, now)
+
+    def suspend(self, actuator: CeilingActuator, now: int) -> CeilingActuator:
+        """Inject none until `begin`."""
+        self._begin = None
+        return actuator.with_faults((), now)
+
+    def publish_truth(self, actuator: CeilingActuator, reading: Reading, header: Header, *, handshake: bool) -> None:
+        """Publish where the ceiling really stands, where that is known and was asked for by a fault."""
+        height = actuator.true_height
+        if self._truth is not None and not isnan(height):
+            true = replace(reading, mode=Mode.MOVING, height=height, target=height)
+            self._truth.publish(state_of(true, header, handshake=handshake))

@@ -33,12 +33,10 @@ from atpid_driver import DriverError
 from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
-from atpid_driver.motor.errors import HeightRefusedError, StopNotConfirmedError
-from atpid_driver.motor.faults import NO_FAULT, in_words
+from atpid_driver.motor.faults import NO_FAULT, HeightRefusedError, StopNotConfirmedError, in_words
 from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
-from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
-from atpid_driver.nodes.simulated_ceiling import FaultInjection, PlantCeiling
+from atpid_driver.nodes.motor_interface import TABLE, FaultInjection, PlantCeiling, settings_of, state_of, status_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
 SAME = 1e-6  # a height on the wire is a whole number of micrometres

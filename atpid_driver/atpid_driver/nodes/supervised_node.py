@@ -16,8 +16,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STATES, STEADY, time_of
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_driver import DriverError, NotReadyError
-from atpid_driver.nodes.authority import DuplicateNodes, MotionPermit
-from atpid_driver.nodes.command_gate import CommandGate
+from atpid_driver.nodes.authority import CommandGate, DuplicateNodes, MotionPermit
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.settings import SupervisedSettings
 

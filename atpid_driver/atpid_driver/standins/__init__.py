@@ -6,8 +6,6 @@
 and a `Control` injects faults.
 """
 
-from atpid_driver.standins.build import StandinError, build, environment
-from atpid_driver.standins.control import Control
-from atpid_driver.standins.feed import Feed
+from atpid_driver.standins.device import Control, Feed, StandinError, build, environment
 
 __all__ = ["Control", "Feed", "StandinError", "build", "environment"]

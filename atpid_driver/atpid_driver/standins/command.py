@@ -7,8 +7,7 @@ import shlex
 
 from atpid_common import output
 from atpid_common.arguments import file_path, real, text, whole
-from atpid_driver.standins.build import StandinError, build, environment
-from atpid_driver.standins.control import CHANNELS, Control
+from atpid_driver.standins.device import CHANNELS, Control, StandinError, build, environment
 
 #: Arguments of the example in the help.
 EXAMPLE = "--ljm-control out/ljm.bin --ljm-source sine:amplitude=1,frequency=5"

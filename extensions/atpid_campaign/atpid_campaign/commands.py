@@ -7,7 +7,7 @@ from atpid_common.cli import Commands
 COMMANDS: Commands = {
     "Run the nodes": {
         "first-run": (
-            "atpid_campaign.first_run.command",
+            "atpid_campaign.first_run",
             "a stand's first measurement, step by step, beside what is expected",
         ),
         "campaign": (

@@ -23,9 +23,9 @@ from graph_runs import wait_until, without_domain
 from page_visit import visited
 
 from atpid_campaign.campaign.folder import CampaignFolder, Record
-from atpid_campaign.campaign.judge import Judge, is_random
 from atpid_campaign.campaign.model import StandModel, by_steady_tone, model_of
 from atpid_campaign.campaign.plan import Campaign, Point, Rules, points_of, read_campaign
+from atpid_campaign.campaign.result import Judge, is_random
 from atpid_campaign.campaign.run import Done, run_campaign
 from atpid_campaign.campaign.stands import SimulatedStand, Stand
 from atpid_common.testing import PATIENCE

@@ -23,8 +23,7 @@ import pytest
 import yaml
 
 from atpid_campaign.doctor import devices
-from atpid_campaign.doctor.checks import CHECKS, GROUP, all_checks, block, examine, verdict_of
-from atpid_campaign.doctor.command import add_arguments
+from atpid_campaign.doctor.command import CHECKS, GROUP, add_arguments, all_checks, block, examine, verdict_of
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError
 from atpid_common.middleware import claimed
@@ -35,7 +34,7 @@ from atpid_control.stand.findings import Finding, Subject, Verdict
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.control import SERIAL
+from atpid_driver.standins.device import SERIAL
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENE = ROOT / "scenes/stand_realtime.yaml"

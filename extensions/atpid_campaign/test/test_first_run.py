@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from atpid_campaign.first_run import command as first_run
-from atpid_campaign.first_run.steps import Expected, Step, rows_of, steps_of
+from atpid_campaign import first_run
+from atpid_campaign.first_run import Expected, Step, rows_of, steps_of
 from atpid_control.cli import main as atpid
 from atpid_control.commands import bench, stand
 from atpid_control.runs.read import open_bag

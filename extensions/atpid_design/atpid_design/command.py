@@ -3,10 +3,13 @@
 """`atpid design`: a damper for a structure of one's own, and what it promises."""
 
 import argparse
+import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
+from pydantic import ConfigDict, Field, ValidationError
 from pydantic_core import PydanticUndefined
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -14,9 +17,15 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
+from atpid_common.files import FileError, read_text
 from atpid_design.make import Design, design, steps_of
-from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of
+from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of, scene_of
 from atpid_sim.display import counting
+from atpid_sim.fields import SceneBlock
+from atpid_sim.periodic.basin import Starts, basin
+from atpid_sim.scene.scene import explained
+from atpid_sim.scene.structure import Beam, FurtherMode
+from atpid_sim.scene.yaml12 import read_yaml
 
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
 #: Arguments of the example in the help.
@@ -89,8 +98,6 @@ def _given(args: argparse.Namespace) -> dict[str, Any]:
     if own or args.drive:
         named = " ".join([*own, *(["--drive"] if args.drive else [])])
         raise DesignError(f"--structure: given beside {named}; allowed: the file alone, or the options")
-    from atpid_design.structure_file import structure_in
-
     return structure_in(args.structure) | given
 
 
@@ -119,8 +126,8 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 
 def _summary(made: Design) -> Table:
-    from atpid_design.kicked import comes_back
-    from atpid_design.page import headline, mass, structure, tone, verdict
+    from atpid_design.page import headline, structure, tone, verdict
+    from atpid_design.picture import mass
 
     drive, (low, high) = made.motor, made.heights
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
@@ -164,3 +171,58 @@ def _over_amplitudes(made: Design) -> Table:
             f"{one.floor_force:.4g}",
         )  # fmt: skip
     return table
+
+
+#: Size of the file at most [bytes].
+_LARGEST = 1_000_000
+
+
+class Blocks(SceneBlock):
+    """What is read of a scene, or of what `atpid modes` writes; the rest of it is not used."""
+
+    model_config = ConfigDict(extra="ignore")
+    beam: Beam = Field(description="the mode that matters")
+    further_modes: tuple[FurtherMode, ...] = Field(default=(), description="the modes beside it")
+    drive: Literal["support", "force"] = Field(default="support", description="what shakes it")
+
+
+def structure_in(path: Path) -> dict[str, Any]:
+    """Return the structure in a YAML file by the names of `Problem`. Raises DesignError and SceneError in one line."""
+    try:
+        given = Blocks.model_validate(read_yaml(read_text(path, _LARGEST), str(path)))
+    except FileError as error:
+        raise DesignError(f"--structure: {error}") from None
+    except ValidationError as error:
+        raise DesignError(f"--structure: {path}: {explained(error.errors(include_url=False), Blocks)}") from None
+    beam = given.beam
+    omega = math.sqrt(beam.stiffness / beam.mass)
+    return {
+        "mass": beam.mass, "frequency": omega / (2.0 * math.pi), "damping": beam.damping / (2.0 * beam.mass * omega),
+        "further_modes": given.further_modes, "drive": given.drive,
+    }  # fmt: skip
+
+
+#: A kick [m/s].
+KICK = 0.1
+
+
+def comes_back(made: Design) -> str:
+    """Return the share of kicks of `KICK` after which the given structure's motion comes back, where fewest do.
+
+    At each amplitude of the design, at its height. Raises NumericalFailure.
+    """
+    found = [
+        basin(scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency),
+              Starts(KICK))
+        for one in made.points
+    ]  # fmt: skip
+    come = [one for one in found if one.starts]
+    none = f"no steady motion at {len(found) - len(come)} of {len(found)} amplitudes" if len(come) < len(found) else ""
+    if not come:
+        return none
+    least = min(come, key=lambda one: (one.share, -one.times[2]))
+    text = f"{100 * least.share:.1f} % ({100 * least.low:.1f} to {100 * least.high:.1f} %) of kicks of {KICK:g} m/s"
+    late = f", 95 % within {least.times[2]:.2g} s" if least.share >= 0.95 else ""
+    scale, unit = made.problem.unit
+    at = f"at a {made.problem.drive} of {scale * least.drive_amplitude:.3g} {unit}"
+    return "; ".join(filter(None, [f"{text} {at}{late}", none]))

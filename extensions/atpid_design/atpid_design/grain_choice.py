@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 from atpid_design.forces import forces
 from atpid_design.problem import Problem, grain_mass, grain_radius
-from atpid_design.today import bare_range
-from atpid_design.worst_case import Interval, Structures, rated_heights, worst_ratings
+from atpid_design.worst_case import Interval, Structures, bare_range, rated_heights, worst_ratings
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.robust import Response, lowest_best
 

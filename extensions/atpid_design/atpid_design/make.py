@@ -13,12 +13,12 @@ import numpy as np
 
 from atpid_common.output import finite
 from atpid_design import grain_choice
-from atpid_design.beside_tuned_mass import Comparison, compare
 from atpid_design.check import Check, drawn, widened
 from atpid_design.grain_choice import Candidate
 from atpid_design.limits import warnings_of
 from atpid_design.motor import Motor, motor
 from atpid_design.problem import Problem, modes_of, resonance
+from atpid_design.tuned_mass import Comparison, compare
 from atpid_design.worst_case import Interval, Point, Structures, point, response_of
 from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.outcome import NumericalFailure

@@ -9,11 +9,10 @@ from html import escape
 from atpid_control.views.report.stages import per_cent
 from atpid_control.views.static_page import Cell, document, drawn, facts, table, warnings
 from atpid_design import motor
-from atpid_design.beside_tuned_mass import MassRow
 from atpid_design.make import Design
-from atpid_design.picture import panels
+from atpid_design.picture import mass, panels, sketch
 from atpid_design.problem import STANDARD_GRAVITY, Problem, Uncertainty
-from atpid_design.sketch import sketch
+from atpid_design.tuned_mass import MassRow
 from atpid_design.worst_case import Interval, Point
 
 _CSS = """
@@ -63,11 +62,6 @@ def tone(made: Design) -> str:
 def acceleration(one: Point, amplitude: float) -> float:
     """Return the acceleration [g] of an amplitude [m] at a point's frequency."""
     return (2.0 * math.pi * one.frequency) ** 2 * amplitude / STANDARD_GRAVITY
-
-
-def mass(value: float) -> str:
-    """Return a mass [kg] in words."""
-    return f"{value:.3g} kg" if value >= 1.0 else f"{1e3 * value:.3g} g"
 
 
 def _header(made: Design) -> str:

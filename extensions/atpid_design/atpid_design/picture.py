@@ -18,6 +18,11 @@ def panels(made: Design) -> Panels:
     return list(zip(first[::2], first[1::2], strict=True))
 
 
+def mass(value: float) -> str:
+    """Return a mass [kg] in words."""
+    return f"{value:.3g} kg" if value >= 1.0 else f"{1e3 * value:.3g} g"
+
+
 def _title(axes: Any, text: str, x: str, y: str) -> None:
     axes.set(title=text, xlabel=x, ylabel=y)
 
@@ -47,18 +52,13 @@ def _grains(axes: Any, made: Design) -> None:
     axes.vlines(scale * x, low, high, color=LIGHT.soft, lw=6.0)
     axes.plot(scale * x, low, color=LIGHT.own, lw=1.2, label="least, over amplitudes and corners")
     axes.plot(scale * x, expected, "o", color=LIGHT.own, ms=4.0, label="least expected")
-    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {_mass(made)}")
+    axes.axvline(1e3 * scale * made.grain_mass, color=LIGHT.accent, lw=1.2, label=f"chosen: {mass(made.grain_mass)}")
     target = getattr(made.problem, f"target_{aim}")
     if target is not None:
         axes.axhline(100.0 * target, color=LIGHT.accent, ls="--", lw=1.0, label="target")
     _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", f"{aim} [%]")
     axes.set_ylim(min(low.min(), 100.0 * getattr(made, aim)[0], 0.0) - 3.0, 100.0)
     axes.set_xlim(0.0, None)
-
-
-def _mass(made: Design) -> str:
-    grams = 1e3 * made.grain_mass
-    return f"{made.grain_mass:.3g} kg" if grams >= 1e3 else f"{grams:.3g} g"
 
 
 def _efficiency(axes: Any, made: Design) -> None:
@@ -135,3 +135,46 @@ def _tuned_mass(axes: Any, made: Design) -> None:
     title = f"Beside a tuned mass, at a {made.problem.drive} of {made.problem.level(rows[0].amplitude)}"
     _title(axes, title, "frequency of the excitation [Hz]", "mm, logarithmic")
     logarithmic(axes)
+
+
+#: Width of the drawing and of the part that is to scale, room above and below.
+_WIDE, _TALL, _MARGIN = 520.0, 220.0, 34.0
+
+
+def sketch(made: Design) -> str:
+    """Return the drawing; lengths are those of the design in millimetres, widths are free."""
+    low, high = made.heights
+    diameter = 2.0 * made.radius
+    scale = _TALL / high
+    left, right, floor = 126.0, 126.0 + max(1.6 * diameter * scale, 60.0), _MARGIN + _TALL
+    middle = 0.5 * (left + right)
+    heights = (("closed", diameter), ("lowest", low), ("highest", high))
+    lines = [
+        f'<path d="M{left - 8:.0f} {floor:.1f}H{right + 8:.0f}M{left:.0f} {floor:.1f}V{_MARGIN - 12:.0f}'
+        f'M{right:.0f} {floor:.1f}V{_MARGIN - 12:.0f}" class="wall"/>',
+        f'<circle cx="{middle:.1f}" cy="{floor - 0.5 * diameter * scale:.1f}" r="{0.5 * diameter * scale:.1f}"/>',
+        _text(middle, floor + 24.0, f"floor; grain of {1e3 * diameter:.1f} mm diameter", "middle"),
+    ]
+    place, last = right + 22.0, floor + 20.0
+    for number, (name, height) in enumerate(heights):
+        level = floor - height * scale
+        at = min(level, last - 20.0)
+        last, x = at, place + 16.0 * number
+        lines.append(f'<path d="M{left:.0f} {level:.1f}H{right:.0f}" class="ceiling {name}"/>')
+        lines.append(f'<path d="M{right:.0f} {level:.1f}H{x + 5:.1f}M{x:.1f} {floor:.1f}V{level:.1f}" class="size"/>')
+        lines.append(_text(place + 44.0, at + 6.0, f"{1e3 * height:.1f} mm, {name}", "start"))
+    travel = ("travel", f"{1e3 * (high - low):.1f} mm", "from closed", f"{1e3 * (high - diameter):.1f} mm")
+    top = floor - 0.5 * (low + high) * scale
+    lines += [_text(left - 12.0, top + 21.0 * row, words, "end") for row, words in enumerate(travel)]
+    tall, wide = floor + _MARGIN, max(_WIDE, place + 210.0)
+    return (
+        f'<svg viewBox="0 0 {wide:.0f} {tall:.0f}" role="img" aria-label="The container with its dimensions"'
+        ' class="sketch"><style>.sketch{max-width:560px;width:100%;font:18px var(--sans)}.sketch text{fill:var(--ink)}'
+        ".sketch path{fill:none;stroke:var(--muted)}.sketch .wall{stroke:var(--ink);stroke-width:2.5}"
+        ".sketch .ceiling{stroke:var(--own);stroke-width:3}.sketch .closed{stroke-dasharray:4 4}"
+        f".sketch circle{{fill:var(--soft);stroke:var(--own)}}</style>{''.join(lines)}</svg>"
+    )
+
+
+def _text(x: float, y: float, words: str, anchor: str) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'

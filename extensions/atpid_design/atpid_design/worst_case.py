@@ -10,8 +10,12 @@ the design height; the interval is what the cases span there, and half a point f
 
 Where the excitation drifts within a range of frequencies, all of that is at several of them: the height is the one that
 is best at the worst frequency. What is expected is that of the given structure where it moves most.
+
+The structure of today, without the damper, has its amplitude over the box in closed form (`bare_range`).
 """
 
+import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,11 +24,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_design.forces import forces
-from atpid_design.problem import Case, Problem, case, cases, drawn_frequencies
-from atpid_design.today import bare_range
+from atpid_design.problem import (
+    Case,
+    Problem,
+    Uncertainty,
+    case,
+    cases,
+    deviation,
+    drawn_frequencies,
+    modes_of,
+    resonance,
+)
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
 from atpid_sim.maps.build import Best
 from atpid_sim.maps.ratings import at_once, opened
+from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.robust import Response, adverse, corners, inside, lowest_best
 from atpid_sim.simulation.quantities import efficiency
 
@@ -41,6 +55,8 @@ _SPEED_POWER = 1.2
 _UNSEEN = 0.005
 #: Random structures inside the box, and the seed that draws them.
 _RANDOM, _SEED = 24, 1
+#: Structures drawn for the amplitude of several modes without the damper, and their seed.
+_BARE_DRAWN, _BARE_SEED = 512, 5
 #: Heights are read between the amplitudes, as in a map: a well far above another has to be better by this share [-].
 _HYSTERESIS = 0.15
 #: Periods in which an amplitude is taken.
@@ -292,3 +308,47 @@ def _forces(structures: Structures, amplitude: float, height: float, longer: flo
         "mean_force": found[0].mean,
         "sound_power": found[0].sound_power,
     }
+
+
+def bare_range(problem: Problem, fraction: float, amplitude: float) -> tuple[float, float]:
+    """Return the least and largest amplitude [m] without the damper within the box, for an identified amplitude [m].
+
+    Of one mass on its support it depends on frequency ratio and damping ratio only; all between the ends is looked at.
+    Of several modes, and under a force, it is that of drawn structures, most of them at corners of the box.
+    """
+    u = problem.uncertainty
+    if problem.is_modal:
+        low, high = _bare_over_drive(problem, fraction)
+        return amplitude * low, amplitude * high
+    resonant = resonance(problem, fraction)
+    low, high = problem.excitation_frequency or (resonant, resonant)
+    # the grain's mass is known, so an error of the beam's moves the resonance
+    moved = 0.5 * fraction * u.mass if problem.excitation_frequency is None else u.frequency
+    ratios = np.linspace(low * (1.0 - u.detuning) / (1.0 + moved), high * (1.0 + u.detuning) / (1.0 - moved), 501)
+    ratios = np.append(ratios / problem.frequency, np.clip(1.0, *ratios[[0, -1]] / problem.frequency))
+    found = [
+        bare_amplitude(1.0, 1.0, 2.0 * problem.damping * (1.0 + side * u.damping), amplitude, ratio / (2.0 * math.pi))
+        for ratio in ratios
+        for side in (-1.0, 1.0)
+    ]
+    return min(found) * (1.0 - u.amplitude), max(found) * (1.0 + u.amplitude)
+
+
+@functools.lru_cache(maxsize=64)
+def _bare_over_drive(problem: Problem, fraction: float) -> tuple[float, float]:
+    """Return the least and largest amplitude without the damper over that of the drive, of several modes [m/m, m/N]."""
+    points = inside(_BARE_DRAWN, problem.quantities, _BARE_SEED)
+    names = list(Uncertainty.model_fields)
+    # masses and dampings at their ends; frequencies anywhere, since a resonance may lie between
+    between = [k for k in range(problem.quantities)
+               if (names[k] in ("frequency", "detuning") if k < len(names) else (k - len(names)) % 3 == 1)]  # fmt: skip
+    ends = np.sign(points)
+    ends[:, between] = points[:, between]
+    found = []
+    for point, drawn in zip(ends, drawn_frequencies(problem, len(ends), _BARE_SEED), strict=True):
+        off = deviation(problem, point)
+        modes = modes_of(problem, fraction, off)
+        assert modes is not None
+        at = (modes.joined.frequencies[0] if drawn is None else drawn) * (1.0 + off.detuning)
+        found.append((1.0 + off.amplitude) * abs(phasors(modes.free, at).sum()))
+    return float(min(found)), float(max(found))

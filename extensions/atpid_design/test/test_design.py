@@ -20,17 +20,16 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from atpid_design import problem as parts
-from atpid_design.beside_tuned_mass import compare
 from atpid_design.check import Check, interval_at, widened
+from atpid_design.command import KICK, comes_back
 from atpid_design.files import height_map, scene_mapping
 from atpid_design.forces import contact_time, forces, law_force, sound_power
 from atpid_design.grain_choice import Candidate, fractions, preferred
-from atpid_design.kicked import KICK, comes_back
 from atpid_design.limits import warnings_of
 from atpid_design.make import Design, Landscape
 from atpid_design.motor import motor, peak_pressure
 from atpid_design.problem import NOMINAL, Deviation, Problem, Uncertainty, case, problem_of, scene_of
-from atpid_design.tuned_mass import TunedBeam, optimised
+from atpid_design.tuned_mass import TunedBeam, compare, optimised
 from atpid_design.worst_case import FrequencyPoint, Interval, Point, Structures, response_of
 from atpid_sim.contact import tsuji
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of

@@ -16,11 +16,11 @@ from scipy.linalg import eigh
 from atpid_control.cli import main
 from atpid_design import make
 from atpid_design import problem as parts
+from atpid_design.command import structure_in
 from atpid_design.make import promised
 from atpid_design.problem import Problem, case, deviation, problem_of, scene_of
-from atpid_design.structure_file import structure_in
-from atpid_design.today import bare_range
 from atpid_design.tuned_mass import TunedBeam, Tuning, over
+from atpid_design.worst_case import bare_range
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import corners, inside
 

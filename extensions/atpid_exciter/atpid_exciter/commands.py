@@ -13,5 +13,5 @@ COMMANDS: Commands = {
 }
 #: Of `atpid doctor`.
 CHECKS: Mapping[str, tuple[str, str]] = {
-    "exciter": ("atpid_exciter.checks:exciter", "docs/excitation_output.md"),
+    "exciter": ("atpid_exciter.part:exciter", "docs/excitation_output.md"),
 }

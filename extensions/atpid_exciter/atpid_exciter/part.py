@@ -1,12 +1,15 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The excitation node as part of bench and stand: the entry point of the group `atpid.nodes`."""
+"""The excitation node as part of bench and stand (entry point of the group `atpid.nodes`), and its check."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.stand.parts import EXCITER, AddedPart, Part
+from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_sim.scene import Scene
 
 #: Output of the stand-in NI module.
@@ -51,3 +54,21 @@ PART = AddedPart(
     simulated=simulated,
     emulated=emulated,
 )
+
+
+def exciter(at: Subject) -> Iterator[Finding]:
+    """Check the exciter's settings, its calibration, and its device, which is opened, its output off, and closed."""
+    # here: a bench does not need them
+    from atpid_control.stand.calibration_findings import judged_calibration
+    from atpid_driver.calibration.model import shipped_calibrations
+    from atpid_exciter.excitation.outlets import calibration_of
+
+    if not at.options.excitation_config:
+        raise NotCheckedError("no exciter is driven (--excitation-config)")
+    settings = at.settings(ExcitationSettings, EXCITER)
+    if settings.backend != "simulated":
+        yield judged_calibration(calibration_of(settings, shipped_calibrations()))  # raises CalibrationError
+    if EXCITER in at.running():
+        raise NotCheckedError(f"{EXCITER} runs: its output would be switched off")
+    with closing(drive_of(settings, shipped_calibrations)) as drive:
+        yield judged(f"{drive.connect()} answers")  # raises DriverError

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.build import environment
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.device import Outputs, environment
 
 
 def calibrate(folder: Path, channel: str, unit: str, coefficients: list[float]) -> None:

@@ -32,7 +32,7 @@ from atpid_common.nodes.turns import TurnExecutor
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
 from atpid_driver.standins import Control
-from atpid_driver.standins.outputs import DATA_OFFSET, HEADER, QUEUE, Outputs
+from atpid_driver.standins.device import DATA_OFFSET, OUTPUT_HEADER, QUEUE, Outputs
 from atpid_exciter.nodes.excitation_node import ExcitationNode
 
 Floats = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Record(threading.Thread):
     def __init__(self, file: Path) -> None:
         super().__init__(name="record")
         self._outputs = Outputs(file)
-        self._header = np.memmap(file, HEADER, "r", shape=(1,))[0]
+        self._header = np.memmap(file, OUTPUT_HEADER, "r", shape=(1,))[0]
         self._queue = np.memmap(file, np.float64, "r", offset=DATA_OFFSET, shape=(QUEUE,))
         self._over = threading.Event()
         self._chunks: deque[tuple[Floats, Floats]] = deque(maxlen=200)

@@ -23,15 +23,15 @@ from excitation_rigs import calibrate, calibrate_shaker, output_process, stand_i
 from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import NotReadyError
-from atpid_driver.acquisition.errors import StreamLostError, WrongDeviceError
 from atpid_driver.acquisition.labjack import load_ljm
+from atpid_driver.acquisition.protocol import StreamLostError, WrongDeviceError
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.outputs import HEADER, Outputs
+from atpid_driver.standins.device import OUTPUT_HEADER, Outputs
 from atpid_exciter.excitation import ExcitationSettings, drive_of, guarded
 from atpid_exciter.excitation.drive import Output, OutputLostError
-from atpid_exciter.excitation.limits import OFF, Command, CommandRefusedError
 from atpid_exciter.excitation.outlet_process import PERIOD
 from atpid_exciter.excitation.outlets import OUTLETS, T7Stream, calibration_of
+from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 from atpid_exciter.excitation.signals import Generator
 
 pytestmark = repeated_after_a_halt
@@ -77,7 +77,7 @@ class Rig:
     @property
     def header(self) -> Any:
         """What the device has in its registers; `flash`: how often something was written that outlives a reset."""
-        return np.memmap(self.folder / "output", HEADER, "r", shape=(1,))[0]
+        return np.memmap(self.folder / "output", OUTPUT_HEADER, "r", shape=(1,))[0]
 
     def looks(self, count: int) -> float:
         """Return the largest of `count` voltages, one a millisecond [V from rest]."""

@@ -10,8 +10,7 @@ import pytest
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_exciter.excitation.hold import Hold
-from atpid_exciter.excitation.limits import Command
-from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.settings import Command, ExcitationSettings
 from atpid_exciter.excitation.signals import Generator
 
 STEP = 0.05  # of the loop: one estimate a block [s]

@@ -29,7 +29,7 @@ from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.testing import own_domain, repeated_after_a_halt, spin_until
 from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.standins import build
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.device import Outputs
 from atpid_exciter.excitation.drive import Output
 from atpid_exciter.excitation.guarded import GuardedDrive
 from atpid_exciter.nodes import excitation_node

@@ -14,10 +14,16 @@ from scipy import signal
 
 from atpid_common.files import FileError
 from atpid_common.vocabulary import ExciterKind, ExciterMode
-from atpid_exciter.excitation.limits import OFF, Clamp, Command, CommandRefusedError, SignalError, check_unit
-from atpid_exciter.excitation.recorded import MOST_SAMPLES, read_recorded, resampled, scaled
-from atpid_exciter.excitation.settings import ExcitationSettings
-from atpid_exciter.excitation.signals import Generator, unit_signal
+from atpid_exciter.excitation.settings import (
+    OFF,
+    Clamp,
+    Command,
+    CommandRefusedError,
+    ExcitationSettings,
+    SignalError,
+    check_unit,
+)
+from atpid_exciter.excitation.signals import MOST_SAMPLES, Generator, read_recorded, resampled, scaled, unit_signal
 
 RATE = 1000.0
 mode_of = attrgetter("mode")

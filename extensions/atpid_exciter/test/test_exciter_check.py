@@ -16,7 +16,7 @@ from atpid_common.middleware import claimed
 from atpid_control.stand.findings import NotCheckedError, Subject, Verdict
 from atpid_control.stand.launching.options import add_devices, add_parameters
 from atpid_driver.standins import build
-from atpid_exciter.checks import exciter
+from atpid_exciter.part import exciter
 
 CONFIG = Path(__file__).resolve().parents[1] / "config/excitation.yaml"
 

@@ -28,9 +28,9 @@ class FileFormat:
     write: Writer | None = None
 
 
-def _reader(module: str) -> Reader:
+def _reader(module: str, name: str = "read") -> Reader:
     def read(path: Path, given: Given) -> list[Series]:
-        found: list[Series] = import_module(f"atpid_lab.imports.{module}").read(path, given)
+        found: list[Series] = getattr(import_module(f"atpid_lab.imports.{module}"), name)(path, given)
         return found
 
     return read
@@ -44,23 +44,18 @@ def _writer(module: str, **options: bool) -> Writer:
 
 
 def _read_csv_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
-    from atpid_lab.imports.csv_table import read_table
+    from atpid_lab.imports.csv_file import read_table
 
     return read_table(path)
 
 
 CSV = FileFormat(
-    "csv",
-    (".csv",),
-    Holds.ONE,
-    read=_reader("csv_file"),
-    read_table=_read_csv_table,
-    write=_writer("csv_file"),
+    "csv", (".csv",), Holds.ONE, read=_reader("csv_file"), read_table=_read_csv_table, write=_writer("csv_file")
 )
 TEXT = FileFormat("text", (".txt", ".tsv", ".dat", ".asc"), Holds.ONE, read=_reader("csv_file"))
 UFF = FileFormat("uff", (".uff", ".unv"), Holds.SAMPLES, read=_reader("uff_file"), write=_writer("uff_file"))
 UFF_ASCII = FileFormat("uff-ascii", UFF.suffixes, Holds.SAMPLES, write=_writer("uff_file", ascii=True))
 MAT = FileFormat("mat", (".mat",), read=_reader("mat_file"), write=_writer("mat_file"))
 PARQUET = FileFormat("parquet", (".parquet",), Holds.ONE, write=_writer("parquet_file"))
-TDMS = FileFormat("tdms", (".tdms",), Holds.SAMPLES, read=_reader("tdms_file"), write=_writer("tdms_file"))
-WAV = FileFormat("wav", (".wav",), Holds.SAMPLES, read=_reader("wav_file"))
+TDMS = FileFormat("tdms", (".tdms",), Holds.SAMPLES, read=_reader("waveforms", "read_tdms"), write=_writer("tdms_file"))
+WAV = FileFormat("wav", (".wav",), Holds.SAMPLES, read=_reader("waveforms", "read_wav"))

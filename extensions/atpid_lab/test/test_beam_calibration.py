@@ -13,8 +13,7 @@ from commands_run import answered, printed, refusal
 from numpy.typing import NDArray
 
 from atpid_control.analysis.signals import Signals
-from atpid_lab.beam.fit import BeamCalibrationError, fit_beam, forced, free_columns
-from atpid_lab.beam.masses import from_added_mass, from_known_mass
+from atpid_lab.beam.fit import BeamCalibrationError, fit_beam, forced, free_columns, from_added_mass, from_known_mass
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from atpid_lab.contact.drop import Impacts, fit_drop
-from atpid_lab.contact.pulse import pulse, stiffness
+from atpid_lab.contact.estimate import pulse, stiffness
 from atpid_sim.scene import load_scene
 from atpid_sim.system import Array
 

@@ -13,10 +13,9 @@ from recorded import Capture, refused
 from atpid_control.analysis.signals import Signals
 from atpid_control.cli import main
 from atpid_lab.contact.drop import ContactFit
-from atpid_lab.contact.estimate import ContactError
+from atpid_lab.contact.estimate import ContactError, pressed
 from atpid_lab.contact.flights import flights_of
 from atpid_lab.contact.in_run import fit_run
-from atpid_lab.contact.pulse import pressed
 from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.plant.plant import Plant

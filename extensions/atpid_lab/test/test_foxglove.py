@@ -11,8 +11,7 @@ import pytest
 from atpid_interfaces.msg import CeilingState, SampleBlock
 from node_graph import NodeGraph
 
-from atpid_lab.nodes.foxglove_node import FoxgloveNode
-from atpid_lab.traces.server import Server, ServerError
+from atpid_lab.nodes.foxglove_node import FoxgloveNode, Server, ServerError
 
 NAMES = ["support_displacement", "beam_displacement"]
 LASERS: dict[str, Any] = {"channels": NAMES, "units": ["m", "m"], "skew": [0.0, 0.0], "rate": 1000.0}

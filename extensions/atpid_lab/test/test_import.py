@@ -29,9 +29,8 @@ from atpid_control.runs.formats import Given
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.verify import verify
-from atpid_lab.imports.import_files import import_files
-from atpid_lab.imports.series import mapped
-from atpid_lab.imports.units import si_of
+from atpid_lab.imports.command import import_files
+from atpid_lab.imports.series import mapped, si_of
 
 #: pyuff leaves files open that it writes.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")

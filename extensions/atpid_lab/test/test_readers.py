@@ -21,7 +21,7 @@ from atpid_control.views.report.view import view_of
 from atpid_lab.beam import command as beam_command
 from atpid_lab.beam.fit import BeamCalibrationError
 from atpid_lab.comparison import compare
-from atpid_lab.validation.measured import read_measured
+from atpid_lab.validation.compare import read_measured
 
 
 @pytest.mark.parametrize("name", list(BAGS))

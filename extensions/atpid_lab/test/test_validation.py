@@ -16,6 +16,7 @@ from recorded import Capture, refused
 from atpid_control.cli import main
 from atpid_lab.validation.compare import (
     Agreement,
+    Measured,
     aligned,
     amplitudes_per_period,
     compare,
@@ -23,7 +24,6 @@ from atpid_lab.validation.compare import (
     lag_of,
     relative_rmse,
 )
-from atpid_lab.validation.measured import Measured
 from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.simulate import trajectory

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /* A stand-in for NI's libnidaqmx.so with one NI-9230 behind it, so that the real nidaqmx package runs without a
  * device. It has the calls of continuous analogue input and output tasks, its outputs as of an NI-9263. Environment: ATPID_DAQMX_SOURCE
- * (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_DAQMX_CONTROL (see control.py) and
+ * (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_DAQMX_CONTROL (see device.py) and
  * ATPID_DAQMX_DEVICE (name, default cDAQ1Mod1).
  */
 #include "standin.h"

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /* A stand-in for LabJack's libLabJackM.so with one T7 behind it, so that the real labjack.ljm package runs without
  * a device. Only the calls that package makes for opening, registers and streaming exist. Environment:
- * ATPID_LJM_SOURCE (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_LJM_CONTROL (see control.py) and
- * ATPID_LJM_OUTPUT (see outputs.py).
+ * ATPID_LJM_SOURCE (sine[:amplitude=,offset=,frequency=] | ramp | feed:PATH), ATPID_LJM_CONTROL (see device.py) and
+ * ATPID_LJM_OUTPUT (see device.py).
  */
 #include "standin.h"
 
@@ -53,7 +53,7 @@ static void feed(Output *output) {
     __atomic_store_n(&output->fed_ns, now_ns(), __ATOMIC_RELEASE);
 }
 
-/* What the watchdog has done since the call before: outputs.py shows it from the instant on at which it acts. */
+/* What the watchdog has done since the call before: device.py shows it from the instant on at which it acts. */
 static void catch_up(Output *output) {
     uint32_t period = output->booted ? output->watchdog_startup_s : output->watchdog_s;
     if (!output->watchdog || (double)(now_ns() - output->fed_ns) * 1e-9 <= period) return;

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /* What both stand-in libraries share: a source of channel voltages, faults injected through a memory-mapped
  * control file, and a stream that produces scans by the clock (or as fast as a feed is written).
- * The file layouts are documented in feed.py and control.py, which write them.
+ * The file layouts are documented in device.py, which writes them.
  */
 #ifndef ATPID_STANDIN_H
 #define ATPID_STANDIN_H
@@ -69,7 +69,7 @@ typedef struct {
 #define STANDIN_OUTPUTS 2
 #define STANDIN_QUEUE 65536
 
-/* What a device puts out, written by the library and read by outputs.py, which acts its watchdog: see there. */
+/* What a device puts out, written by the library and read by device.py, which acts its watchdog: see there. */
 typedef struct {
     char magic[8]; /* "ATPIDOU2" */
     /* in flash: the watchdog's registers, and the voltages at power-up */

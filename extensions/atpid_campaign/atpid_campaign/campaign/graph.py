@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from atpid_campaign.campaign.judge import Judge
 from atpid_campaign.campaign.plan import Campaign, Point
+from atpid_campaign.campaign.result import Judge
 from atpid_campaign.campaign.stands import Feed, Stand
 from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode

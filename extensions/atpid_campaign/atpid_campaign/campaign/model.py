@@ -15,8 +15,7 @@ from atpid_campaign.campaign.plan import Campaign, CampaignError
 from atpid_control.analysis.orders import FEWEST, orders
 from atpid_control.analysis.signals import Signals, signals_of
 from atpid_control.runs.run import Run, open_run
-from atpid_lab.beam.fit import BeamFit
-from atpid_lab.beam.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_lab.beam.fit import BeamFit, BeamParameters, from_added_mass, from_known_mass
 from atpid_lab.contact.estimate import ContactError
 from atpid_lab.contact.in_run import fit_part
 from atpid_sim.robust import restitution, with_restitution

@@ -13,9 +13,8 @@ from types import FrameType
 from typing import NamedTuple
 
 from atpid_campaign.campaign.folder import BAD, MEASURED, SKIPPED, CampaignFolder, Record
-from atpid_campaign.campaign.judge import Judge
 from atpid_campaign.campaign.plan import Campaign, CampaignError, Point, points_of
-from atpid_campaign.campaign.result import measured
+from atpid_campaign.campaign.result import Judge, measured
 from atpid_campaign.campaign.stands import Stand
 from atpid_common.waiting import to_stderr
 from atpid_control.runs.errors import BagError

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from atpid_campaign.campaign.judge import Judge
 from atpid_campaign.campaign.plan import Campaign, Point, from_rest
+from atpid_campaign.campaign.result import Judge
 from atpid_common.vocabulary import Mode
 from atpid_control.identification import Estimate
 from atpid_control.selection.map_cache import map_for

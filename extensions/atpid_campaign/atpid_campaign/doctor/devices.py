@@ -13,10 +13,9 @@ from typing import Any
 from atpid_control.stand.calibration_findings import judged_calibration, reach_of
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
 from atpid_control.supervision.loop_check import Ceiling, disagreements
+from atpid_driver.acquisition.protocol import wired
 from atpid_driver.acquisition.registry import create
-from atpid_driver.acquisition.settings import wired
-from atpid_driver.calibration.convert import calibrations_of, check_channels
-from atpid_driver.calibration.model import Calibration
+from atpid_driver.calibration.model import Calibration, calibrations_of, check_channels
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings

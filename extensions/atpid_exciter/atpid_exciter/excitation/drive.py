@@ -8,10 +8,8 @@ from math import nan
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode
 from atpid_driver import DriverError, NotReadyError
-from atpid_exciter.excitation.limits import Command, Floats, Point, check, check_unit
-from atpid_exciter.excitation.recorded import resampled
-from atpid_exciter.excitation.settings import ExcitationSettings
-from atpid_exciter.excitation.signals import Generator, unit_signal
+from atpid_exciter.excitation.settings import Command, ExcitationSettings, Floats, Point, check, check_unit
+from atpid_exciter.excitation.signals import Generator, resampled, unit_signal
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
 MOST_LATE = 1.0

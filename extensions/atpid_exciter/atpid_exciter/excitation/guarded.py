@@ -21,9 +21,8 @@ from typing import Any
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
 from atpid_exciter.excitation.drive import ExcitationDrive, Output, OutputLostError
-from atpid_exciter.excitation.limits import Command
 from atpid_exciter.excitation.outlets import OUTLETS, calibration_of, load_library
-from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.settings import Command, ExcitationSettings
 
 #: Until its process runs, which a busy machine may delay for long, and until the device has been opened then [s].
 _START, _OPEN = 120.0, 15.0

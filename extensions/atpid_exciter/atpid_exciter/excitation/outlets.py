@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import labjack, nidaqmx
-from atpid_driver.acquisition.errors import SetupRefusedError, StreamLostError
-from atpid_driver.calibration.convert import si_of, volts_of
-from atpid_driver.calibration.model import Calibration, CalibrationError, load
+from atpid_driver.acquisition.protocol import SetupRefusedError, StreamLostError
+from atpid_driver.calibration.model import Calibration, CalibrationError, load, si_of, volts_of
 from atpid_exciter.excitation.drive import Output, output_of
-from atpid_exciter.excitation.limits import Floats
-from atpid_exciter.excitation.settings import ExcitationSettings
+from atpid_exciter.excitation.settings import ExcitationSettings, Floats
 from atpid_exciter.excitation.signals import Generator
 
 #: A streamed output is written so far ahead [s]: a stop waits for so long before its ramp begins.

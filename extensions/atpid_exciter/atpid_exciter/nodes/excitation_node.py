@@ -30,14 +30,14 @@ from atpid_common.nodes.parameters import declare
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import ExciterKind, ExciterMode, Frame, Quality
 from atpid_driver import DriverError
-from atpid_driver.calibration.convert import shipped_calibrations
+from atpid_driver.calibration.model import shipped_calibrations
 from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_exciter.excitation.drive import Output, OutputLostError
 from atpid_exciter.excitation.hold import Hold
-from atpid_exciter.excitation.limits import OFF, Command, CommandRefusedError
+from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 
 #: The node's parameters, as `ExcitationSettings` declares them.
 TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))

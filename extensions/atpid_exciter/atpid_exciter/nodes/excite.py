@@ -22,7 +22,7 @@ from atpid_common.nodes.handshake import Question
 from atpid_common.nodes.messages import STATES, STATUS, doubles
 from atpid_common.nodes.node_main import TURN, command_node
 from atpid_common.vocabulary import ExciterMode, Frame
-from atpid_exciter.excitation.recorded import read_recorded
+from atpid_exciter.excitation.signals import read_recorded
 from atpid_sim.scene import Scene, load_scene
 
 #: Between two commands; how long the excitation node may take to be found [s].

@@ -16,8 +16,7 @@ from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
-from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, fit_beam
-from atpid_lab.beam.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, BeamParameters, fit_beam, from_added_mass, from_known_mass
 
 #: Arguments of the example in the help.
 EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
@@ -26,17 +25,12 @@ EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add(
-        "recording",
-        type=file_path,
-        help="a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv",
+    recording = (
+        "a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv"
     )
-    add(
-        "--moving-mass",
-        type=positive("kg"),
-        metavar="KG",
-        help="the moving mass: reduced beam mass, container, grain [kg]",
-    )
+    add("recording", type=file_path, help=recording)
+    moving = "the moving mass: reduced beam mass, container, grain [kg]"
+    add("--moving-mass", type=positive("kg"), metavar="KG", help=moving)
     add("--moving-mass-std", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help="its standard deviation [kg]")
     grain = "the grain's part of it; a scene's beam is without [kg]"
     add("--grain-mass", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help=grain)

@@ -162,10 +162,6 @@ def _difference(runs: list[RunOnAxis], align: str) -> tuple[Array, Array]:
     return common, np.asarray(beams[1] - beams[0])
 
 
-def _amplitude(stage: Stage) -> tuple[float, float]:
-    return stage.amplitude, _half(stage.amplitude_spread or (0.0, 0.0))
-
-
 def _half(limits: tuple[float, float]) -> float:
     return 0.5 * (limits[1] - limits[0])
 
@@ -176,7 +172,7 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
     ("excitation, identified", "", lambda stage: (stage.identified_amplitude, 0.0)),
     ("frequency, identified", "Hz", lambda stage: (stage.identified_frequency, 0.0)),
     ("ceiling height", "m", lambda stage: (stage.height, 0.0)),
-    ("beam amplitude", "m", _amplitude),
+    ("beam amplitude", "m", lambda stage: (stage.amplitude, _half(stage.amplitude_spread or (0.0, 0.0)))),
     ("beam, closed damper", "m", lambda stage: (stage.undamped_amplitude, 0.0)),
     ("efficiency", "-", lambda stage: (stage.efficiency, _half(stage.efficiency_range))),
     ("beam, without damper", "m", lambda stage: (stage.bare_amplitude, 0.0)),

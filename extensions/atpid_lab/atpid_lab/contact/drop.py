@@ -16,8 +16,7 @@ import numpy as np
 
 from atpid_control.analysis.signals import runs
 from atpid_control.runs.signal import Signal
-from atpid_lab.contact.estimate import FEWEST, ContactError, ContactEstimate, mean
-from atpid_lab.contact.pulse import pulse, stiffness
+from atpid_lab.contact.estimate import FEWEST, ContactError, ContactEstimate, mean, pulse, stiffness
 from atpid_sim.scene.series import read_columns
 from atpid_sim.system import Array
 

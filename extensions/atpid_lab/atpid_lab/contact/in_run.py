@@ -21,9 +21,8 @@ from scipy.linalg import solve_triangular
 from atpid_control.analysis.signals import Signals
 from atpid_control.runs.run import Run
 from atpid_lab.contact.drop import ContactFit, with_modulus
-from atpid_lab.contact.estimate import ContactError, mixture
+from atpid_lab.contact.estimate import ContactError, mixture, pressed, pulse
 from atpid_lab.contact.flights import Flights, Indices, flights_of
-from atpid_lab.contact.pulse import pressed, pulse
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array, System

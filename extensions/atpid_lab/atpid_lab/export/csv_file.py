@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import pandas as pd
 
@@ -28,7 +28,8 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
                 path = folder / f"{len(streams)}.rows"
                 streams[table.name] = table, path, stack.enter_context(path.open("w", encoding="utf-8", newline=""))
             names = [column.name for column in table.columns]
-            frame = pd.DataFrame(dict(zip(names, map(_printable, piece.arrays), strict=True)))
+            arrays = [array.astype(int) if array.dtype == bool else array for array in piece.arrays]
+            frame = pd.DataFrame(dict(zip(names, arrays, strict=True)))
             stream, quoted = streams[table.name][2], csv.QUOTE_NONNUMERIC  # a text may hold the sign of a comment
             frame.to_csv(stream, header=False, index=False, lineterminator="\n", quoting=quoted)
     for number, (table, rows, _) in enumerate(streams.values()):
@@ -63,7 +64,3 @@ def _heading(column: Column) -> str:
     text = f"{column.name} [{column.unit}]" if column.unit else column.name
     quoted = text.replace('"', '""')
     return f'"{quoted}"' if any(sign in text for sign in ',"#\r\n') else text  # `#` would begin a comment
-
-
-def _printable(values: Any) -> Any:
-    return values.astype(int) if values.dtype == bool else values

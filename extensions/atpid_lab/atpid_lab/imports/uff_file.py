@@ -17,8 +17,7 @@ import pyuff
 
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Series
-from atpid_lab.imports.series import shortest, timed
-from atpid_lab.imports.units import si_of
+from atpid_lab.imports.series import shortest, si_of, timed
 
 _TIME_RESPONSE, _TIME_AXIS, _EVEN = 1, 17, 1
 #: Longest time between the records of a channel, all together [s], and that in samples over those there.

@@ -68,7 +68,9 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
     if end - begin < 100 * count:
         raise ModesError(f"the longest part without a gap has {end - begin} samples; needed: {100 * count}")
     every = max(1, -(-(end - begin) // _MOST_SAMPLES))
-    drive, beam = (_thinned(one[begin:end], every) for one in (drive, signals.response))
+    drive, beam = drive[begin:end], signals.response[begin:end]
+    if every > 1:
+        drive, beam = (np.asarray(decimate(one, every, ftype="fir")) for one in (drive, beam))
     model = _Model(drive, beam, every / signals.rate, force)
     model.driven = model.driven and model.explains()
     logarithms = np.empty(0)
@@ -91,10 +93,6 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
         where = ", ".join(f"{f:.4g}" for f in found.frequency[doubtful])
         raise ModesError(f"--modes: given {count}; the record does not determine those at {where} Hz; give fewer")
     return found
-
-
-def _thinned(values: Array, every: int) -> Array:
-    return np.asarray(decimate(values, every, ftype="fir")) if every > 1 else values
 
 
 def _peak(left: Array, drive: Array | None, rate: float, known: Array, top: float) -> float:

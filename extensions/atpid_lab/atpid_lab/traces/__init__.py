@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run as Foxglove and PlotJuggler plot it: one number a message, states as text, the damper in three dimensions."""
 
-from atpid_lab.traces.file import write_traces
+from atpid_lab.traces.file import Tracer, write_traces
 from atpid_lab.traces.records import PREFIX
-from atpid_lab.traces.tracer import Tracer
 
 __all__ = ["PREFIX", "Tracer", "write_traces"]

@@ -22,11 +22,84 @@ from typing import Any
 
 import numpy as np
 
-from atpid_lab.validation.measured import Measured, ValidationError
-from atpid_sim.scene import Scene
+from atpid_common.errors import InputError
+from atpid_common.vocabulary import DRIVES, Drive
+from atpid_control.analysis.signals import Signals, runs, signals_of
+from atpid_control.runs.run import BEAM, Run
+from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
+
+#: Samples below which nothing is compared: a cubic spline and an initial velocity need more.
+_FEWEST_SAMPLES = 100
+
+
+class ValidationError(InputError):
+    """A recording that cannot be simulated: what is missing in it, and what to give."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Samples (n,) at `rate` [Hz]; height of the ceiling (k, 2) [s, m], None where it was not recorded."""
+
+    rate: float
+    support: Array  # displacement [m], of a force that drives instead [N]
+    beam: Array  # displacement [m]
+    ceiling: Array | None
+    begin: float = 0.0  # of the part, in the recording [s]
+    chosen: bool = False  # as the longest part without a gap
+    origin: str = ""  # of the samples, such as `laser`
+    drive: Drive = DRIVES["support"]
+    missing: tuple[str, ...] = ()  # what is not in the recording and should be, a line each
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return (len(self.beam) - 1) / self.rate
+
+
+def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> Measured:
+    """Return the part from `begin` to `end` [s] of a recording; of a whole one with gaps the longest without.
+
+    Raises ValidationError where there is none, or where a part that was chosen has gaps.
+    """
+    whole, missing = signals_of(run, both=False)
+    if not np.isfinite(whole.excitation).any():
+        raise ValidationError(f"{run.path}: {run.drive.channel} was not recorded, so nothing can drive the scene")
+    part = _without_gap(whole) if math.isinf(begin) and math.isinf(end) else whole.between(begin, end)
+    if len(part.response) < _FEWEST_SAMPLES:
+        raise ValidationError(f"{run.path}: {len(part.response)} samples in that part; needed: {_FEWEST_SAMPLES}")
+    for name, series in ((run.drive.channel, part.excitation), (BEAM, part.response)):
+        gaps = np.flatnonzero(~np.isfinite(series))
+        if len(gaps):
+            at = part.start + gaps[0] / part.rate
+            raise ValidationError(
+                f"{run.path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to"
+            )
+    heights = np.column_stack([run.ceiling.time - part.start, run.ceiling.height])
+    heights = heights[np.isfinite(heights).all(axis=1)]
+    heights = heights[np.argsort(heights[:, 0], kind="stable")]
+    chosen = math.isinf(begin) and math.isinf(end) and len(part.response) < len(whole.response)
+    return Measured(part.rate, part.excitation, part.response, heights if len(heights) else None, part.start, chosen,
+                    part.origin, run.drive, tuple(missing))  # fmt: skip
+
+
+def _without_gap(whole: Signals) -> Signals:
+    """Return the longest part in which support and beam are valid; all where nothing is."""
+    parts = runs(np.isfinite(whole.excitation + whole.response))
+    first, last = max(parts, key=lambda part: part[1] - part[0], default=(0, len(whole.response)))
+    return whole.between(whole.start + first / whole.rate, whole.start + (last - 1) / whole.rate)
+
+
+def scene_of(run: Run) -> Scene:
+    """Return the scene kept in the run; raise SceneError or ValidationError where there is none."""
+    if run.scene is not None:
+        return run.scene
+    if run.scene_text is None:
+        raise ValidationError(f"{run.path}: no scene was recorded; give one with --scene")
+    raise SceneError(f"{run.scene_problem}; give a scene with --scene")
+
 
 #: Part of a period whose polynomial gives the initial state, and its degree: both errors, of the sixth power and of a
 #: sensor's noise, are then some 1e-4 of the amplitude.
@@ -111,7 +184,8 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
         raise ValidationError("the ceiling's height was not recorded; give --height")
     else:
         ceiling = {"profile": _profile(measured.ceiling, measured.duration, 2.0 * scene.grain.radius)}
-    closed = _first_height(ceiling) <= 2.0 * scene.grain.radius + _CLOSED
+    first = float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
+    closed = first <= 2.0 * scene.grain.radius + _CLOSED
     left_out = 0.0 if closed else _UNKNOWN * period
     if left_out + _FEWEST * period > measured.duration:
         raise ValidationError(
