@@ -99,8 +99,19 @@ def _anew(table: Table, section: re.Match[str]) -> str:
 def markdown(table: Sequence[Entry]) -> str:
     """Return the table as the page shows it."""
     head = ("parameter", "default; allowed", "meaning")
-    rows = [head, ("---",) * len(head), *map(_cells, table)]
+    rows = [head, ("---",) * len(head), *_joined([_cells(row) for row in table])]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _joined(rows: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
+    """Return the rows, the two levels of one quantity as one."""
+    joined: list[tuple[str, str, str]] = []
+    for name, values, meaning in rows:
+        if name.endswith("_abort`") and joined and joined[-1][0] == name.replace("_abort", "_warning"):
+            joined[-1] = (f"{joined[-1][0]}, {name}", values, meaning.replace("abort level", "warning and abort level"))
+        else:
+            joined.append((name, values, meaning))
+    return joined
 
 
 def _cells(row: Entry) -> tuple[str, str, str]:
