@@ -98,12 +98,23 @@ def _anew(table: Table, section: re.Match[str]) -> str:
 
 def markdown(table: Sequence[Entry]) -> str:
     """Return the table as the page shows it."""
-    head = ("parameter", "default", "allowed", "meaning")
-    rows = [head, ("---",) * len(head), *map(_cells, table)]
+    head = ("parameter", "default; allowed", "meaning")
+    rows = [head, ("---",) * len(head), *_joined([_cells(row) for row in table])]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _cells(row: Entry) -> tuple[str, str, str, str]:
+def _joined(rows: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
+    """Return the rows, the two levels of one quantity as one."""
+    joined: list[tuple[str, str, str]] = []
+    for name, values, meaning in rows:
+        if name.endswith("_abort`") and joined and joined[-1][0] == name.replace("_abort", "_warning"):
+            joined[-1] = (f"{joined[-1][0]}, {name}", values, meaning.replace("abort level", "warning and abort level"))
+        else:
+            joined.append((name, values, meaning))
+    return joined
+
+
+def _cells(row: Entry) -> tuple[str, str, str]:
     default = f"`{row.default}`" if row.default != "" else "empty"
     if isinstance(row.default, Parameter.Type):
         default = "none"
@@ -112,7 +123,8 @@ def _cells(row: Entry) -> tuple[str, str, str, str]:
     allowed = ", ".join(f"`{choice}`" if choice else "empty" for choice in row.choices)
     if row.low is not None and row.high is not None:
         allowed = f"{row.low:g}…{row.high:g}"
-    return f"`{row.name}`{', live' if row.live else ''}", default, allowed, row.descriptor().description
+    values = f"{default}; {allowed}" if allowed else default
+    return f"`{row.name}`{', live' if row.live else ''}", values, row.descriptor().description
 
 
 def parameter_file(name: str, text: str) -> str:
