@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's figures and tables, and its measurements on the stand: what the model gives without any fitting.
-
-docs/research/measured.md prints the measurements beside the model's numbers, those it misses too.
-"""
+"""The thesis's figures, tables and measurements without any fitting; docs/research/measured.md prints them all."""
 
 from pathlib import Path
 from typing import Any

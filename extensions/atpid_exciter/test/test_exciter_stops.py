@@ -20,6 +20,7 @@ from spun import Spun
 from std_srvs.srv import Trigger
 from test_emulated_stand import Terminal
 from test_graph_excitation import F, commanded
+from test_graph_real_time import children
 
 from atpid_common.nodes.messages import STATES
 from atpid_common.testing import repeated_after_a_halt, wait_for
@@ -153,5 +154,5 @@ def test_after_a_stop_a_new_command_alone_moves_it_and_ctrl_c_ends_it(tmp_path: 
 @pytest.mark.wall_time
 def test_a_kill_of_its_node_ends_with_the_output_off(tmp_path: Path) -> None:
     with emulated_stand(tmp_path) as (terminal, operator):
-        operator.off_after(lambda: os.kill(terminal.node("excitation_node"), signal.SIGKILL), AFTER_SILENCE)
+        operator.off_after(lambda: os.kill(children(terminal.pid)["excitation_node"], signal.SIGKILL), AFTER_SILENCE)
         assert terminal.end() not in (0, 130), terminal.printed
