@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A kernel that several workers need at once is compiled by the first; the others wait for it and load it.
-
-numba's cache has no lock: while it is empty, each worker would compile the kernel, for up to a minute.
-"""
+"""A kernel that several workers need at once is compiled by the first: numba's cache has no lock."""
 
 import fcntl
 import hashlib

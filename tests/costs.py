@@ -84,10 +84,7 @@ def install(config: pytest.Config) -> None:
 
 
 def costs(folder: Path) -> tuple[dict[str, float], float, float]:
-    """Return the core seconds of every test, and of all the processor time and the time waited for [s].
-
-    From what the workers have written in `folder`.
-    """
+    """Return the core seconds of every test, and of all the processor time and the time waited for [s]."""
     spent: dict[str, Any] = defaultdict(lambda: np.zeros(2))
     uses: dict[str, set[str]] = {}
     shared: list[tuple[str, str, Any]] = []

@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What CI may leave out: a test that is skipped there for any other reason fails the run.
-
-Firmware tests are not among these: where the AVR tools are missing CI fails (`motor_rigs.need_emulator`).
-"""
+"""What CI may leave out: a test that is skipped there for any other reason fails the run."""
 
 import os
 from collections.abc import Iterable

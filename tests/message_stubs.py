@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The fields of the project's messages for mypy: `python tests/message_stubs.py` writes atpid_interfaces/stubs anew.
-
-rosidl's classes carry no types, so that a misspelt field would be found by a test alone, where its line runs.
-"""
+"""The fields of the project's messages for mypy: `python tests/message_stubs.py` writes atpid_interfaces/stubs anew."""
 
 import json
 import re

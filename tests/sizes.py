@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How large the project is, beside the most it may be (budgets.yaml): `python tests/sizes.py [REPOSITORY]`.
-
-Exit status: 0, or 1 where a budget is exceeded.
-"""
+"""How large the project is, beside the most it may be (budgets.yaml): `python tests/sizes.py`; status 1: larger."""
 
 import ast
 import re

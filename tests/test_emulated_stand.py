@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps.
-
-A known motion that fails ends the run; in lockstep there is none. One that passes: `first-run`'s, and its test.
-"""
+"""The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps."""
 
 import json
 import math
@@ -26,6 +23,7 @@ import yaml
 from graph_runs import scene_file, wait_until
 from motor_rigs import words
 from test_graph_force import CHANGES, FORCE
+from test_graph_real_time import children
 
 from atpid_control.analysis.signals import signals_of
 from atpid_control.cli import main
@@ -203,12 +201,6 @@ class Terminal:
                 os.close(self._file)
         return self.status
 
-    def node(self, name: str) -> int:
-        """Return the process of a node."""
-        tasks = Path(f"/proc/{self.pid}/task").iterdir()
-        children = [child for task in tasks for child in (task / "children").read_text().split()]
-        return int(next(child for child in children if name in Path(f"/proc/{child}/cmdline").read_text()))
-
 
 @contextmanager
 def at_a_terminal(scenes: Path, folder: Path) -> Iterator[tuple[Terminal, Emulator | None]]:
@@ -286,7 +278,7 @@ def test_where_a_part_is_lost_the_motor_goes_off(lost: str, scenes: Path, tmp_pa
             if lost == "cable":
                 board.do("unplug")
             else:
-                os.kill(terminal.node(lost), signal.SIGKILL)
+                os.kill(children(terminal.pid)[lost], signal.SIGKILL)
 
         after = off_after(board, lose)
         print(f"{lost} lost: motor off after {after * 1e3:.0f} ms")

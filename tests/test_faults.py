@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record.
-
-A run takes seconds: some rows of the matrix are acted here, all that the graph in lockstep can act in the long profile.
-"""
+"""Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record."""
 
 import contextlib
 import io

@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole loop with a structure of several modes that a force drives: bench, replay, report, validation.
-
-The emulated stand, which then reads a load cell: test_emulated_stand.py.
-"""
+"""The whole loop with a structure of several modes that a force drives: bench, replay, report, validation."""
 
 import json
 import re

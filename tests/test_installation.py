@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A plain `colcon build` of a clone, its `colcon test`, and what was installed with the sources gone.
-
-The tests of this file are in the order in which a user comes to them: those above `removed` need the sources.
-"""
+"""A plain `colcon build` of a clone and its tests, in a user's order; those below `removed` have no sources."""
 
 import json
 import os

@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,48 +16,7 @@ from documented import ROOT
 
 from atpid_common.cli import guarded
 from atpid_common.output import OutputError, file, folder, writing
-from atpid_control.cli import main as atpid
 from atpid_sim.maps import HeightMap
-from studies.cli import main as studies
-
-#: A folder in which no user can make anything, root included.
-NOWHERE = "/proc/nowhere"
-READINGS = "position,volts\n-0.1,1\n0,3\n0.1,5\n0.12,5.4\n0.05,4\n-0.05,2\n0.02,3.4\n"
-MAP = "map scenes/standard.yaml --amplitudes 0.01:0.02:2 --mass-fractions 0.1"
-SENSOR = "calibrate sensor READINGS --channel support_displacement --sensor X --serial A"
-
-
-@pytest.mark.parametrize(
-    ("main", "line"),
-    [
-        (studies, f"tradeoff scenes/standard.yaml --out {NOWHERE}"),
-        (studies, f"figures contact --out {NOWHERE}"),
-        (atpid, f"simulate scenes/standard.yaml --series {NOWHERE}/run.csv"),
-        (atpid, f"simulate scenes/standard.yaml --picture {NOWHERE}/run.png"),
-        (atpid, f"{MAP} --out MAP --header {NOWHERE}/table.h"),
-        (atpid, f"bench scenes/standard.yaml --out {NOWHERE}"),
-        (atpid, f"bag report bags/thesis_4_3_short --out {NOWHERE}"),
-        (atpid, f"design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --out {NOWHERE}"),
-        (atpid, f"calibrate beam bags/thesis_4_3_short --moving-mass 0.36 --out {NOWHERE}/beam.yaml"),
-        (atpid, f"{SENSOR} --out OUT --picture {NOWHERE}/laser.png"),
-        (atpid, f"calibrate reading {NOWHERE}/readings.csv --position 0.1 --terminal AIN0"),
-    ],
-)
-def test_a_place_that_cannot_be_written_is_one_line(
-    main: Callable[[list[str]], int],
-    line: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(ROOT)
-    (tmp_path / "readings.csv").write_text(READINGS)
-    places = {"READINGS": tmp_path / "readings.csv", "OUT": tmp_path / "laser.yaml", "MAP": tmp_path / "map.npz"}
-    assert main([str(places.get(word, word)) for word in line.split()]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert re.fullmatch(f"error: .*{NOWHERE}.*\n", printed.err)
-    assert [path.name for path in tmp_path.iterdir()] == ["readings.csv"]
 
 
 def test_files_and_folders_that_are_the_other(tmp_path: Path) -> None:

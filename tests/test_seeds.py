@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified.
-
-That it decides as the graph does: test_graph.py.
-"""
+"""The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
 
 from pathlib import Path
 

@@ -19,6 +19,7 @@ import pytest
 from recorded import block, make
 
 from atpid_common.interrupt import Interrupt
+from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_control.recording.session import RecordingSession
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.run import open_run

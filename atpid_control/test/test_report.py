@@ -84,10 +84,7 @@ def scene_of(**excitation: Any) -> Scene:
 
 
 def one_mass(scene: Scene, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The closed damper as a damped oscillator under A sin(2 pi f t), in closed form, from rest with zero velocity.
-
-    Base excitation: m x'' + c x' + k x = k u + c u'; particular solution by complex amplitude, the rest decays.
-    """
+    """The closed damper as a damped oscillator under A sin(2 pi f t), in closed form, from rest with zero velocity."""
     amplitude = getattr(scene.excitation, "amplitude", None)
     assert isinstance(amplitude, float)
     m, c, k = scene.total_mass, scene.beam.damping, scene.beam.stiffness

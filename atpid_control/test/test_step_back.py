@@ -91,8 +91,7 @@ def test_short_bursts_that_come_back_are_a_rumble() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"share": 0.0}, {"share": 1.0}, {"count": 0}, {"settle": -1}, {"excess": -0.1}, {"memory": math.nan}],
+    "changes", [{"share": 0.0}, {"share": 1.0}, {"count": 0}, {"settle": -1}, {"excess": -0.1}, {"memory": math.nan}]
 )
 def test_contradictory_settings_are_refused_in_one_line(changes: dict[str, float]) -> None:
     with pytest.raises(HoldError, match=r"given .*; allowed: "):

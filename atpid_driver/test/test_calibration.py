@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_common.cli import run_commands
-from atpid_common.testing import check_notices
+from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_driver.calibration.fit import fit, read_readings
 from atpid_driver.calibration.model import CalibrationError, Counts, block_si, load, save, si_of, volts_of
 from atpid_driver.standins import build
@@ -94,25 +94,6 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
             load(path)
 
 
-@given(
-    st.dictionaries(
-        st.sampled_from(sorted(LASER.model_dump())),
-        st.one_of(st.none(), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=7), st.integers()),
-        min_size=1,
-    )
-)
-def test_whatever_a_key_is_given_a_calibration_converts_or_is_refused(
-    tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "changed.yaml"
-    path.write_text(yaml.safe_dump(LASER.model_dump(mode="json") | changes))
-    try:
-        calibration = load(path)
-    except CalibrationError:
-        return
-    assert np.isfinite(si_of(calibration, np.array(calibration.limits_volts))[0]).all()
-
-
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
     save(LASER, tmp_path / "a.yaml", "note")
     assert load(tmp_path / "a.yaml") == LASER
@@ -155,22 +136,6 @@ def test_a_cubic_is_found_exactly() -> None:
     result = fit(np.polynomial.polynomial.polyval(volts, true), volts, 3)
     assert result.coefficients == pytest.approx(true, rel=1e-9)
     assert result.residual_std < 1e-15
-
-
-@given(st.binary(max_size=60), st.sampled_from([b"", b"position,volts\n", b"volts,position,position\n"]))
-@example(b"1,2\x00", b"position,volts\n")
-@example(b'"' + b"1" * 200_000, b"position,volts\n")
-def test_readings_of_whatever_bytes_are_numbers_or_one_line(
-    tmp_path_factory: pytest.TempPathFactory, content: bytes, head: bytes
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(head + content)
-    line = ""
-    try:
-        assert np.isfinite(read_readings(path)).all()
-    except CalibrationError as error:
-        line = str(error)
-    assert "\n" not in line
 
 
 @given(st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20.0, 20.0)), max_size=12))
@@ -242,7 +207,3 @@ def test_readings_that_cannot_be_used_are_refused(
     assert words in output
     assert len(output.splitlines()) == 1
     assert os.listdir(tmp_path) == ["readings.csv"]
-
-
-def test_every_file_has_its_notice() -> None:
-    check_notices(Path(__file__).resolve().parents[1])

@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The real firmware on the emulated board: what it does when things go wrong, as docs/motor_protocol.md lists it.
-
-Its pure part on this machine, too; and what the emulator does with files that are in its way.
-"""
+"""The real firmware on the emulated board: what it does when things go wrong, as docs/motor_protocol.md lists it."""
 
 import os
 import subprocess

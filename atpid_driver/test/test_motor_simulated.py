@@ -114,18 +114,6 @@ def test_reading_often_or_once_gives_the_same_heights(start: float, goal: float,
     assert [often.read(t).height for t in instants][-1] == once.read(instants[-1]).height
 
 
-@given(heights, st.lists(st.tuples(st.integers(0, 5 * SECOND), st.one_of(heights, st.just(nan))), max_size=12))
-def test_never_leaves_its_limits_and_never_exceeds_its_speed(start: float, plan: list[tuple[int, float]]) -> None:
-    ceiling, now, last = ready(start), 0, start
-    for sequence, (wait, goal) in enumerate(plan):
-        now += wait
-        here = ceiling.read(now).height
-        assert LIMITS.lowest <= here <= LIMITS.highest
-        assert abs(here - last) <= 0.3 * wait * 1e-9 + 1e-12
-        ceiling.move(goal, sequence, now)
-        last = here
-
-
 @pytest.mark.parametrize(
     "limits", [(0.0, 1.0, 0.3), (0.5, 0.5, 0.3), (0.1, float("inf"), 0.3), (0.1, 1.0, 0.0), (nan, 1, 1)]
 )

@@ -10,14 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from sim_refusals import refused
 
-from atpid_common.errors import InputError
 from atpid_sim.maps import HeightMap, MapError
-from atpid_sim.scene import SceneError, load_scene, scene_from_mapping, standard_bench
-from atpid_sim.scene.yaml12 import read_yaml
+from atpid_sim.scene import SceneError, load_scene, standard_bench
 
 ROOT = Path(__file__).parents[2]
 #: Aliases of aliases: 4 x 20^6 values in 400 bytes.
@@ -57,16 +53,6 @@ def test_points_without_end_are_refused(key: str) -> None:
     given = {inner: points} | ({"frequency": 5.0} if block == "excitation" else {})
     with refused(SceneError, key, "100001", "100000"):
         standard_bench(**{block: given})
-
-
-@given(place=st.integers(0, len(STANDARD) - 1), text=st.text(max_size=6), cut=st.integers(0, 8))
-def test_a_changed_scene_is_a_scene_or_one_line(place: int, text: str, cut: int) -> None:
-    problem = ""
-    try:
-        scene_from_mapping(read_yaml(STANDARD[:place] + text + STANDARD[place + cut :], "a.yaml"), "a.yaml")
-    except SceneError as error:
-        problem = str(error)
-    assert "\n" not in problem
 
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
@@ -117,33 +103,3 @@ def test_a_map_that_cannot_be_right_is_one_line(change: Change, tmp_path: Path) 
     np.savez(path, **change(stored()))
     with refused(MapError, "map.npz"):
         HeightMap.load(path)
-
-
-@pytest.mark.parametrize("content", [b"", b"no map\n", b"PK\x03\x04torn"])
-def test_a_file_that_is_no_map_is_one_line(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "map.npz"
-    path.write_bytes(content)
-    with refused(MapError, "map.npz", "NPZ"):
-        HeightMap.load(path)
-
-
-GOOD = MAP.read_bytes()
-
-
-@given(places=st.lists(st.tuples(st.integers(0, len(GOOD) - 1), st.integers(0, 255)), min_size=1, max_size=4))
-def test_a_changed_map_is_a_map_or_one_line(
-    tmp_path_factory: pytest.TempPathFactory, places: list[tuple[int, int]]
-) -> None:
-    changed = bytearray(GOOD)
-    for place, value in places:
-        changed[place] = value
-    path = tmp_path_factory.getbasetemp() / "changed_map.npz"
-    path.write_bytes(changed)
-    known, problem = np.zeros(0), ""
-    try:
-        heights = HeightMap.load(path).heights
-        known = heights[np.isfinite(heights)]
-    except InputError as error:
-        problem = str(error)
-    assert "\n" not in problem
-    assert ((known > 0.0) & (known <= 100.0)).all()

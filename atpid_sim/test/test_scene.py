@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import example, given
-from hypothesis import strategies as st
 from sim_refusals import has_parts, refused
 
 from atpid_sim.contact.linear import damping_ratio_for
@@ -156,23 +154,6 @@ def test_a_file_that_is_no_scene(tmp_path: Path, content: bytes, parts: str) -> 
 def test_extremes_are_allowed(path: str, values: tuple[Any, ...]) -> None:
     for value in values:
         scene_from_mapping(changed(path, value))
-
-
-ANYTHING = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
-    max_leaves=8,
-)
-
-
-@given(ANYTHING, st.sampled_from([*STANDARD, "sensors", "recording", "seed"]))
-@example({"two\nlines": None}, "beam")
-def test_whatever_stands_in_a_block_gives_a_scene_or_one_line(value: Any, key: str) -> None:
-    try:
-        found: Scene | str = scene_from_mapping(changed(key, value))
-    except SceneError as error:
-        found = str(error)
-    assert isinstance(found, Scene) or "\n" not in found
 
 
 def test_paths_start_from_the_scene_s_folder(tmp_path: Path) -> None:

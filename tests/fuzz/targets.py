@@ -72,10 +72,7 @@ def _arrays(path: str) -> dict[str, Any]:
 
 @cache
 def _records() -> tuple[Any, ...]:
-    """Return the records of a small bag: two messages of a topic, and one topic with a quality of service.
-
-    Most of the time of reading it would be that of the YAML in which profiles are kept.
-    """
+    """Return the records of a small bag: two messages of a topic, and one topic with a quality of service."""
     found = records_of((BAG / "bag_0.mcap").read_bytes(), 2)
     used = {one.channel_id for one in found if isinstance(one, Message)}
     channels = {one.id: one for one in found if isinstance(one, Channel) and one.id in used}

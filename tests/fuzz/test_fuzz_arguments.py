@@ -9,7 +9,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from command_lines import LINES, PARSERS, PROGRAMS, Places, hostile_lines, make_user_files, refused, takes_values
+from command_lines import (
+    LINES,
+    OUTPUTS,
+    PARSERS,
+    PROGRAMS,
+    Places,
+    hostile_lines,
+    make_user_files,
+    refused,
+    takes_values,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -85,6 +95,30 @@ def test_what_was_once_accepted_or_refused_too_late(
     assert re.fullmatch(rf"error: .*{parts}.*\n", capsys.readouterr().err)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "mine.npz"]
     assert (tmp_path / "mine.npz").read_text() == "mine\n"
+
+
+#: A path in a folder in which no user can make anything, root included; each line with it in one place.
+NOWHERE = "/proc/nowhere/x"
+UNWRITABLE = [
+    (name, [*words[:place], NOWHERE, *words[place + 1 :]])
+    for name, words in LINES.items()
+    for place, word in enumerate(words)
+    if word in OUTPUTS and words[place - 1] in ("--out", "--series", "--picture", "--header")
+]
+UNWRITABLE += [("atpid calibrate reading", f"calibrate reading {NOWHERE} --position 0.1 --terminal AIN0".split())]
+
+
+@pytest.mark.parametrize(("name", "words"), UNWRITABLE)
+def test_a_place_that_cannot_be_written_is_one_line(
+    name: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = Places(tmp_path / "user", tmp_path / "out")
+    make_user_files(places.user)
+    places.out.mkdir()
+    assert run(name, [places.fill(word) for word in words]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, re.fullmatch("error: .*\n", printed.err) is not None) == ("", True), printed
+    assert not list(places.out.iterdir())
 
 
 def state(folder: Path) -> dict[str, tuple[int, int, bytes]]:

@@ -1,12 +1,7 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A small bag cut off anywhere, or with changed bits: a clear result, the whole chunks, and the bag as it was.
+"""A small bag cut off anywhere: a clear result, whole chunks, the bag as it was; every byte with `make fuzz`."""
 
-Every 37th byte of a bag with three messages, and some places of one with blocks of samples; every byte of both and a
-thousand copies with `make fuzz`.
-"""
-
-import random
 import shutil
 import struct
 from collections.abc import Callable
@@ -28,8 +23,8 @@ from atpid_control.runs.verify import survey, verify
 from atpid_control.runs.writer import BagWriter
 
 LONG = settings.get_current_profile_name() == "long"
-#: Bytes between two cuts of the smallest bag and of the other, and changed copies.
-LEAST_STEP, STEP, COPIES = (1, 1, 1000) if LONG else (37, 151, 20)
+#: Bytes between two cuts of the smallest bag and of the other.
+LEAST_STEP, STEP = (1, 1) if LONG else (37, 151)
 TOPICS = ("/sensors/laser", "/ceiling/command")
 
 
@@ -103,15 +98,3 @@ def test_cut_off_anywhere_every_chunk_before_is_there(
         assert (found[-1] > 0) == (whole > 0), size
         assert found[-1] < messages or whole == len(ends), size
     assert found == sorted(found)
-
-
-def test_changed_bits_cost_what_they_are_in(tmp_path: Path) -> None:
-    file = four_each(tmp_path / "run")
-    data = file.read_bytes()
-    chooser = random.Random(14)
-    for _ in range(COPIES):
-        changed = bytearray(data)
-        for _ in range(chooser.choice([1, 1, 1, 4, 30])):
-            changed[chooser.randrange(len(data))] ^= 1 << chooser.randrange(8)
-        file.write_bytes(changed)
-        assert outcome(file.parent) >= 0

@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a file holds, it is read or refused in one line, soon, in little memory; what once broke does so no more.
-
-A few examples here; ten thousand of each with `make fuzz`.
-"""
+"""Whatever a file holds, it is read or refused in one line, soon, in little memory; more with `make fuzz`."""
 
 import hashlib
 import resource

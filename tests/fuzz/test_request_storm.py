@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A storm of random requests: whatever is asked, and stamped how, targets and heights keep their limits and speed.
-
-Some thousands here; a million with `make fuzz`. To the firmware on the emulated board: docs/decisions/0066.
-"""
+"""A storm of random requests, a million with `make fuzz`: targets and heights keep their limits and speed."""
 
 import math
 import random

@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The list of mutations keeps to the files as they are: each can still be made, and its tests are there.
-
-`make mutations` makes them and runs the tests.
-"""
+"""The list that `make mutations` tries keeps to the files: each change can be made, its tests are there."""
 
 import subprocess
 import sys

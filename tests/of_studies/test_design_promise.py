@@ -22,16 +22,7 @@ from atpid_design.forces import forces
 from atpid_design.limits import warnings_of
 from atpid_design.make import promised
 from atpid_design.motor import motor
-from atpid_design.problem import (
-    NOMINAL,
-    Deviation,
-    Problem,
-    cases,
-    deviation,
-    mapping_of,
-    problem_of,
-    time_constant,
-)
+from atpid_design.problem import NOMINAL, Deviation, Problem, cases, deviation, mapping_of, problem_of, time_constant
 from atpid_design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
 from atpid_design.worst_case import Point, response_of
 from atpid_sim.kernel_inputs import contact_of, restitution_of

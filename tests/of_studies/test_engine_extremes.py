@@ -346,9 +346,7 @@ def test_an_extreme_system_keeps_every_guarantee(index: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "contact",
-    [{"law": "impact", "restitution": 1.0}, ELASTIC | {"young_modulus": 2.1e8}],
-    ids=["impact", "hertz"],
+    "contact", [{"law": "impact", "restitution": 1.0}, ELASTIC | {"young_modulus": 2.1e8}], ids=["impact", "hertz"]
 )
 def test_an_elastic_grain_without_play_is_carried(contact: dict[str, Any]) -> None:
     scene = standard_bench(contact=contact, ceiling={"height": 0.017}, duration=2.0, steady_window=[1.0, 2.0])

@@ -75,10 +75,7 @@ DAMAGES: tuple[Callable[[bytearray, random.Random], bytes], ...] = (flip, trunca
 
 
 def harmful(newest: Callable[[], int], rng: random.Random) -> Iterator[bytes]:
-    """Yield frames that must not be carried out: damaged ones, and whole ones that were carried out before.
-
-    `newest` returns the last sequence carried out; a damaged frame has a newer one.
-    """
+    """Yield frames that must not be carried out: damaged ones, and whole ones that were carried out before."""
     while True:
         if rng.random() < 0.2:
             old = (newest() - rng.randrange(1, 1000)) % SEQUENCES

@@ -55,8 +55,7 @@ def section_in_flight(system: TwoImpacts, motion: Symmetric) -> tuple[float, Arr
 
 
 @pytest.mark.parametrize(
-    ("mass_ratio", "restitution", "clearance"),
-    [(0.1, 0.5, 20.0), (0.1, 0.5, 30.0), (0.2, 0.3, 12.0), (0.1, 0.5, 10.0)],
+    ("mass_ratio", "restitution", "clearance"), [(0.1, 0.5, 20.0), (0.1, 0.5, 30.0), (0.2, 0.3, 12.0), (0.1, 0.5, 10.0)]
 )
 def test_multipliers_of_two_impacts_a_cycle(mass_ratio: float, restitution: float, clearance: float) -> None:
     system = TwoImpacts(mass_ratio, restitution, clearance / FORCE)

@@ -158,10 +158,7 @@ def not_finite(integration: Integration, disturbance: float = 0.0) -> State:
 
 @pytest.mark.parametrize(
     ("outcome", "name", "other"),
-    [
-        (Outcome.NOT_FINITE, "initial_state", not_finite),
-        (Outcome.STEP_BUDGET, "step_limit", property(lambda _: 100)),
-    ],
+    [(Outcome.NOT_FINITE, "initial_state", not_finite), (Outcome.STEP_BUDGET, "step_limit", property(lambda _: 100))],
 )
 def test_a_state_that_is_not_finite_and_an_exhausted_budget_are_named(
     outcome: Outcome, name: str, other: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -46,8 +46,7 @@ def test_the_standard_task_is_what_it_settles_to() -> None:
 
 
 @pytest.mark.parametrize(
-    "task",
-    [(0.0020364, 0.0656061, 0.97500), (0.002109, 0.0697, 0.71566), (0.01414152, 0.05031186, 0.48270038)],
+    "task", [(0.0020364, 0.0656061, 0.97500), (0.002109, 0.0697, 0.71566), (0.01414152, 0.05031186, 0.48270038)]
 )
 def test_a_motion_that_the_transient_only_passes_is_not_called_steady(task: tuple[float, float, float]) -> None:
     """Near grazing: some are unstable, though the derivative beside them is not; the run ends in another motion."""

@@ -158,9 +158,7 @@ def test_the_process_ends_where_the_middleware_waits_for_ever(status: int) -> No
     assert '"<string>", line 7' in errors
 
 
-def test_a_second_node_of_a_name_counts_once_it_stays_and_none_is_starting(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_second_node_of_a_name_counts_once_it_stays_and_none_is_starting(monkeypatch: pytest.MonkeyPatch) -> None:
     transient = 0.05
     monkeypatch.setattr(single_instance, "_TRANSIENT", transient)
     with closing(Spun("own")) as spun:

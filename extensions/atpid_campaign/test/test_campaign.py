@@ -28,7 +28,10 @@ from atpid_campaign.campaign.plan import Campaign, Point, Rules, points_of, read
 from atpid_campaign.campaign.result import Judge, is_random
 from atpid_campaign.campaign.run import Done, run_campaign
 from atpid_campaign.campaign.stands import SimulatedStand, Stand
-from atpid_common.testing import PATIENCE
+from atpid_common.testing import (
+    PATIENCE,
+    test_every_file_has_its_notice,  # noqa: F401  # is a test here too
+)
 from atpid_common.vocabulary import Quality, Severity
 from atpid_control.analysis.signals import Signals
 from atpid_control.cli import main

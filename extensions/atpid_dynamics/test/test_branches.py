@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Branches and cliffs of the bench: simulated beside them, and what cannot be followed.
-
-Against closed forms: tests/of_studies/test_periodic.py.
-"""
+"""Branches and cliffs of the bench: simulated beside them, and what cannot be followed."""
 
 import csv
 import json
@@ -15,6 +12,7 @@ from bench_motions import bench, motion_of
 from dynamics_program import main
 from sim_refusals import has_parts
 
+from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_dynamics.continuation import Bifurcation, follow_branch, follow_cliff
 from atpid_sim.periodic import Conditions, Loss, PeriodicMotion, ReturnMap, find_cliff, solve
 from atpid_sim.periodic.solve import size_of

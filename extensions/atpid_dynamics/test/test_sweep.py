@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steady motions, and shares that come to them, over heights: against runs at each of them, and what is refused.
-
-Judged by long runs: tests/of_studies/test_steady.py; shares: atpid_sim/test/test_basin.py.
-"""
+"""Steady motions, and shares that come to them, over heights: against runs at each of them, and what is refused."""
 
 import csv
 import json

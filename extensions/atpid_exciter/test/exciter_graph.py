@@ -1,9 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Supervisor, motor and exciter over real DDS on the stand-in T7: any node may hang, every voltage is recorded.
-
-And the account of when there must be no output.
-"""
+"""Supervisor, motor and exciter over real DDS on the stand-in T7: all voltages, and when there must be none."""
 
 import itertools
 import math

@@ -321,10 +321,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_memory_does_not_grow_with_the_length_of_the_bag(
     bag: Path, form: str, blocks: tuple[int, int], most: float, tmp_path: Path
 ) -> None:
-    """Of a bag as long as the readers' buffers, and one twice as long, which takes at most `most` MB more.
-
-    In MATLAB's format a column of 8 bytes a sample.
-    """
+    """Of a bag as long as the readers' buffers, and one twice as long, which takes at most `most` MB more."""
     if form == "tdms":
         pytest.importorskip("nptdms", reason="npTDMS or h5py is missing: `make import` installs it")
     exported(bag, form, tmp_path / f"first.{form}")  # loads what it needs
