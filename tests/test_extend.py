@@ -106,7 +106,7 @@ def test_command_and_selector_are_found_and_used(folder: Path) -> None:
     assert re.fullmatch(r"0\.\d{4} m\n", run(typed("atpid largest"), folder))
     assert "largest" in run(["atpid", "--help"], folder)
     chosen = json.loads(run([*typed("atpid select"), "--json"], folder))
-    assert (chosen["method"], chosen["height"]) == ("proportional", pytest.approx(0.017 + 18.0 * 0.015))
+    assert (chosen["method"], chosen["height"]) == ("proportional", pytest.approx(0.017 + 18.0 * 0.03))
 
 
 def test_a_scene_takes_the_contact_law(folder: Path) -> None:

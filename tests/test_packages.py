@@ -89,9 +89,11 @@ def test_what_is_imported_is_a_dependency_and_the_reverse(package: str) -> None:
     # pytest and hypothesis are for the package's pytest plugin, which only tests load
     needed = keys((imported(code) | started(code)) - {package, "pytest", "hypothesis"})
     # tests may import what others share, which lies in the repository and is no package
-    shared = {path.stem for place in ("*/test/*.py", "tests/*.py", "tests/*/*.py") for path in ROOT.glob(place)} | {
-        "studies"
-    }
+    shared = {
+        path.stem
+        for place in ("*/test/*.py", "*/*/test/*.py", "tests/*.py", "tests/*/*.py")
+        for path in ROOT.glob(place)
+    } | {"studies"}
     needed_for_tests = keys(imported(tests) - {path.stem for path in tests} - shared - {package})
     running, for_tests = declared(package, "depend", "exec_depend"), declared(package, "test_depend")
     assert needed - running == set()

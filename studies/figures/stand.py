@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from atpid_common import output
-from atpid_lab.modes.structure import Cantilever, modes_of
+from atpid_lab.modes.cantilever import Cantilever, modes_of
 from atpid_sim.figure_style import LIGHT
 from atpid_sim.scene import standard_bench
 from studies.figures import emergency_stop

@@ -24,7 +24,7 @@ from test_graph_real_time import children
 
 from atpid_common.nodes.messages import STATES
 from atpid_common.testing import repeated_after_a_halt, wait_for
-from atpid_driver.standins.outputs import Outputs
+from atpid_driver.standins.device import Outputs
 
 pytestmark = repeated_after_a_halt
 
@@ -70,7 +70,7 @@ class Operator(Spun):
     def found(self, name: str) -> bool:
         if name not in self._asked:
             self._asked[name] = self.node.create_client(Trigger, name)
-        return self._asked[name].service_is_ready()
+        return bool(self._asked[name].service_is_ready())
 
     def ask(self, name: str) -> Future:
         self.until(lambda: self.found(name))
@@ -79,7 +79,7 @@ class Operator(Spun):
     def agreed(self, name: str) -> bool:
         answer = self.ask(name)
         self.until(answer.done)
-        return bool(answer.result().success)  # type: ignore[union-attr]
+        return bool(answer.result().success)
 
     def arm(self) -> None:
         """Arm motor and exciter, again where a busy machine refuses or withdraws it."""
