@@ -19,7 +19,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "reference"]
 root_doc = "README"
 include_patterns = [
     "README.md", "CONTRIBUTING.md", "bags/README.md", "docs/**.md",
-    *(f"{package}/{name}" for package in ("atpid_*", "atpid_interfaces/*")
+    *(f"{package}/{name}" for package in ("atpid_*", "atpid_interfaces/*", "extensions/*")
       for name in ("README.md", "QUALITY_DECLARATION.md", "CHANGELOG.rst")),
 ]  # fmt: skip
 exclude_patterns = [".*", "out", "ros2_ws", "tests", "studies", "scenes", "**/test", "**/__pycache__"]
