@@ -30,7 +30,6 @@ from atpid_campaign.campaign.run import Done, run_campaign
 from atpid_campaign.campaign.stands import SimulatedStand, Stand
 from atpid_common.testing import (
     PATIENCE,
-    test_every_file_has_its_notice,  # noqa: F401  # is a test here too
 )
 from atpid_common.vocabulary import Quality, Severity
 from atpid_control.analysis.signals import Signals

@@ -19,7 +19,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_design import problem as parts
 from atpid_design.check import Check, interval_at, widened
 from atpid_design.command import KICK, comes_back

@@ -12,7 +12,6 @@ from bench_motions import bench, motion_of
 from dynamics_program import main
 from sim_refusals import has_parts
 
-from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_dynamics.continuation import Bifurcation, follow_branch, follow_cliff
 from atpid_sim.periodic import Conditions, Loss, PeriodicMotion, ReturnMap, find_cliff, solve
 from atpid_sim.periodic.solve import size_of

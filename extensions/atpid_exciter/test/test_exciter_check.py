@@ -13,7 +13,6 @@ from excitation_rigs import calibrate, calibrate_shaker, stand_in
 
 from atpid_common.errors import AtpidError
 from atpid_common.middleware import claimed
-from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_control.stand.findings import NotCheckedError, Subject, Verdict
 from atpid_control.stand.launching.options import add_devices, add_parameters
 from atpid_driver.standins import build

@@ -13,7 +13,6 @@ from bag_files import BAG, ROOT
 from recorded import EVENTS, LASER, Capture, block, make, record, refused, short, write_bag
 from traced_file import Traced
 
-from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_control.cli import main
 from atpid_control.runs.decode import stamp_of
 from atpid_control.runs.read import Bag, open_bag
