@@ -68,7 +68,7 @@ sys.exit(run_node(make, []))
 #: Leaves as one does whose middleware holds the interpreter's lock and waits for ever.
 STUCK = """
 import ctypes, sys
-from atpid_common.nodes.node_main import leaving
+from atpid_common.nodes.held_up import leaving
 with leaving(0, limit=5.0):
     pass
 with leaving(int(sys.argv[1]), limit=0.1):

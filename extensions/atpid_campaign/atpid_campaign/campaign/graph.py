@@ -64,7 +64,7 @@ class GraphStand(Stand):
 
     def __init__(self, campaign: Campaign, scene: Scene, point: Point, folder: Path) -> None:
         """Start it with a point's grain and wait for the first estimate. Raises BenchError, NodeDiedError."""
-        from atpid_campaign.campaign.watch import taking_part
+        from atpid_campaign.nodes import taking_part
 
         self._campaign, self._scene = campaign, scene
         self._logs = folder / "log"
