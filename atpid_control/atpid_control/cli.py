@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from atpid_common.cli import Commands, is_among, run_commands, with_installed
-from atpid_common.errors import BAD_INPUT
+from atpid_common.errors import BAD_INPUT, not_installed
 
 _SIM, _CONTROL, _DRIVER, _ROS = (
     "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes.ros_commands"
@@ -71,10 +71,7 @@ def elsewhere(words: Sequence[str], known: Commands) -> str | None:
     name = next((name for name in (" ".join(words[:2]), *words[:1]) if name in brought), None)
     if name is None or is_among(known, words):
         return None
-    return (
-        f"error: `atpid {name}` comes with the package {brought[name]}, which is not installed: "
-        f"colcon build --packages-select {brought[name]}, or `make setup`"
-    )
+    return f"error: `atpid {name}` comes with {not_installed(brought[name])}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

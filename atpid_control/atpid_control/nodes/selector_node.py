@@ -166,10 +166,10 @@ class SelectorNode(Node):
             return
         self._selector, self._method = selector, method
         self._height_services.method = method
-        settings = control_settings(self.parameters.__getitem__, self._scene.frequency_hz, selector)
-        self._controller.select_by(settings, selector, fallback)
+        settings = self._settings(self.parameters.__getitem__)
+        self._controller.select_by(settings[0], selector, fallback)
         self._events.publish(Event.INFO, Event.PARAMETER, f"heights are selected by {method}")
-        self._configure(self._settings(self.parameters.__getitem__))
+        self._configure(settings)
 
     # the loop
 

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
-from atpid_common.errors import one_line
+from atpid_common.errors import not_installed, one_line
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import SQLITE_ENDING, bag_in, find_parts
 from atpid_control.runs.source import Source
@@ -163,11 +163,7 @@ def table_reader(path: Path) -> TableReader | None:
             return known.read_table
     brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
     if suffix in brought:
-        package = brought[suffix]
-        raise BagError(
-            f"{path}: a {suffix} file is read by the package {package}, which is not installed: "
-            f"colcon build --packages-select {package}, or `make setup`"
-        )
+        raise BagError(f"{path}: a {suffix} file is read by {not_installed(brought[suffix])}")
     return None
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
 from atpid_common.cli import load
-from atpid_common.errors import one_line
+from atpid_common.errors import not_installed, one_line
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters
 from atpid_sim.scene import Scene
@@ -125,10 +125,7 @@ def missing(name: str) -> str:
     brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
     if name not in brought:
         return f"no installed package has {name}"
-    return (
-        f"{name} comes with the package {brought[name]}, which is not installed: "
-        f"colcon build --packages-select {brought[name]}, or `make setup`"
-    )
+    return f"{name} comes with {not_installed(brought[name])}"
 
 
 def table_of(name: str) -> tuple[Entry, ...]:

@@ -73,6 +73,11 @@ def extras(purpose: str = "", error: type[AtpidError] = InputError) -> Iterator[
         raise error(text) from None
 
 
+def not_installed(package: str) -> str:
+    """Return in words that a package of this project is missing, and how it is installed."""
+    return f"the package {package}, which is not installed: colcon build --packages-select {package}, or `make setup`"
+
+
 class NumericalError(AtpidError, ArithmeticError):
     """A computation that failed; its result does not exist or cannot be trusted."""
 

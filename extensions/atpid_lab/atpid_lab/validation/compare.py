@@ -237,10 +237,6 @@ def _profile(heights: Array, duration: float, least: float) -> list[list[float]]
     return [[float(t), float(h)] for t, h in zip(knots[kept], values[kept], strict=True)]
 
 
-def _first_height(ceiling: dict[str, Any]) -> float:
-    return float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
-
-
 def amplitudes_per_period(displacement: Array, samples: float) -> Array:
     """Return half the range (k,) [m] of a displacement (n,) [m] in each whole period of `samples` samples."""
     count = int(len(displacement) / samples)
