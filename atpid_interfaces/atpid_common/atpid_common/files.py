@@ -6,7 +6,7 @@ import stat
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import yaml
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 
+#: What a YAML or JSON file holds by name, as its parser returns it: each reader checks the values that it takes.
+Document: TypeAlias = dict[str, Any]
 #: What zipfile and numpy raise for an archive that is torn, empty, locked, of Python objects, or something else.
 _UNREADABLE = (
     EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, NotImplementedError,
