@@ -19,7 +19,7 @@ from atpid_control.runs.read import Bag
 from atpid_control.runs.run import open_run
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.running import run_lockstep
+from atpid_control.stand.nodes.composition import run_lockstep
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
 from atpid_control.views.report.stages import stages
 from atpid_sim.maps import DamperResponse, HeightMap

@@ -29,7 +29,7 @@ from atpid_control.stand.launching.options import add_bench as add_arguments
 from atpid_control.stand.parameters import BenchError, Parameters, read_parameters, write_parameters
 from atpid_control.stand.parts import NAMES, exciter_of, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
-from atpid_control.stand.running import Commands, RosOptions, commands_of, run_lockstep, run_realtime, shown
+from atpid_control.stand.running import Commands, RosOptions, commands_of, run_realtime, shown
 from atpid_driver.emulator import missing_tools
 from atpid_sim.display import working
 from atpid_sim.plant.plant import Plant
@@ -125,10 +125,10 @@ def _run_nodes(
                     print(f"{refused}; other programs may delay the loop", file=sys.stderr)
                 ros = RosOptions.of(args)
                 nodes = [*commands(parameter_file), *commands_of(parameter_file, page, ros)]
-                run_realtime(
-                    nodes, out / "log", progress, namespace=ros.namespace, restarts=ros.restarts, faults=scene.injected
-                )
+                run_realtime(nodes, out / "log", progress, ros, faults=scene.injected)
             else:
+                from atpid_control.stand.nodes.composition import run_lockstep  # needs ROS
+
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(stopped(out / "bag")) from None

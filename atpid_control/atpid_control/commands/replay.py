@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         ros = RosOptions(namespace_of(playback.bag), args.log_level or "")
         commands = commands_of(files.parameters, (REPLAY, IDENTIFIER, SELECTOR, RECORDER), ros)
         with own_domain(args.domain), stoppable(), shown(playback.seconds, bag.name) as progress:
-            run_realtime(commands, out / "log", progress, source=REPLAY.name, namespace=ros.namespace)
+            run_realtime(commands, out / "log", progress, ros, source=REPLAY.name)
         return _conclude(bag, out)
 
 

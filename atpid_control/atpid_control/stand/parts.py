@@ -301,8 +301,3 @@ def program() -> Path:
 def enclave_of(node: str) -> str:
     """Return the enclave, by whose key and certificate a node is known, of a node of this name."""
     return f"/atpid/{node}"
-
-
-def enclave_arguments(node: str) -> list[str]:
-    """Return what follows `--ros-args` for it; without security it has no effect."""
-    return ["--enclave", enclave_of(node)]

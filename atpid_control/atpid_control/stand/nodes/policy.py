@@ -14,11 +14,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from atpid_common.arguments import file_path, path_to
 from atpid_common.errors import DONE
@@ -26,7 +24,8 @@ from atpid_common.nodes.node_main import initialise
 from atpid_common.output import writing
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.nodes.composition import node_class
+from atpid_control.stand.nodes.composition import make_node
+from atpid_control.stand.parameters import Parameters
 from atpid_control.stand.parts import (
     EXCITER,
     LABJACK,
@@ -150,7 +149,7 @@ def stand() -> tuple[Part, ...]:
 def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
     """Yield the stand's nodes by name, in a domain of their own; none is spun, so no device is opened."""
     parts = stand()
-    given: Mapping[str, Mapping[str, Any]] = {
+    given: Parameters = {
         "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
         "motor_node": {"supervised": True},
         EXCITER: {"supervised": True},
@@ -164,9 +163,8 @@ def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
         nodes: dict[str, Node] = {}
         try:
             for part in parts:
-                values = {**part.configured(), **given.get(part.name, {})}
-                overrides = [Parameter(key, value=value) for key, value in values.items()]
-                nodes[part.name] = node_class(part.package, part.name)(parameter_overrides=overrides, context=context)
+                values = part.configured() | given.get(part.name, {})
+                nodes[part.name] = make_node(part, values, context=context)
             yield nodes
         finally:
             for node in nodes.values():
