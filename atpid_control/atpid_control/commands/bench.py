@@ -94,9 +94,8 @@ def _run_graph(
 
 
 def _run_nodes(
-    args: argparse.Namespace, scene: Scene, out: Path, parameters: Parameters,
-    commands: Callable[[Path], Commands],
-) -> None:  # fmt: skip
+    args: argparse.Namespace, scene: Scene, out: Path, parameters: Parameters, commands: Callable[[Path], Commands]
+) -> None:
     parameter_file = out / "parameters.yaml"
     # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]

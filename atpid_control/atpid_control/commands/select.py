@@ -159,7 +159,7 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
 
 def _show(
     title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float, measure: str = "beam amplitude"
-) -> None:  # fmt: skip
+) -> None:
     table = Table(title=title, show_header=False)
     rows = {
         "height": f"{chosen.height:.4f} m",

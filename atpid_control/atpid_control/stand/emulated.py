@@ -109,7 +109,7 @@ def emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:
 
 def commands_emulated(
     scene: Scene, parameter_file: Path, place: Path, ros: RosOptions = PLAIN, *, board: bool
-) -> Commands:  # fmt: skip
+) -> Commands:
     """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
     name, labjack = command_of(LABJACK, parameter_file, ros)
     plant, words = command_of(NODES["plant_node"], parameter_file, ros)

@@ -105,9 +105,7 @@ class LiveServer:
             websocket_ping_interval=_PING, websocket_ping_timeout=_PING, websocket_max_message_size=LONGEST,
             log_function=lambda _handler: None,
         )  # fmt: skip
-        server = _Connections(
-            application, max_body_size=LONGEST, idle_connection_timeout=_HEAD, body_timeout=_HEAD
-        )  # fmt: skip
+        server = _Connections(application, max_body_size=LONGEST, idle_connection_timeout=_HEAD, body_timeout=_HEAD)
         server.open = self.connections
         self._loop.add_reader(self._socket, self._accept, server)
         ready.set()

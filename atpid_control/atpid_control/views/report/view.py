@@ -163,4 +163,4 @@ def not_arrived(view: View) -> list[str]:
         f"the ceiling was at {1e3 * stage.height:.4g} mm{speed}"
         for stage in view.stages
         if not stage.arrived
-    ]  # fmt: skip
+    ]
