@@ -22,11 +22,17 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import open_run
 from atpid_control.runs.writer import BagWriter
 from atpid_control.stand.outdir import MARKER
-from atpid_control.views.report import Stage, report
 from atpid_control.views.report.charts import thinned
-from atpid_control.views.report.page import page
+from atpid_control.views.report.page import page, report
 from atpid_control.views.report.panels import extremes, grain, overview
-from atpid_control.views.report.stages import beside, closed_by_simulation, corners, intervals, measured_decrement
+from atpid_control.views.report.stages import (
+    Stage,
+    beside,
+    closed_by_simulation,
+    corners,
+    intervals,
+    measured_decrement,
+)
 from atpid_control.views.report.view import View, headline, view_of
 from atpid_control.views.static_page import document, facts, table, warnings
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping

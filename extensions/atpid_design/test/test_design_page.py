@@ -13,7 +13,7 @@ from page_visit import visited
 from test_figures import differences, numbers_in
 
 from atpid_control.cli import main
-from atpid_control.views.report import report
+from atpid_control.views.report.page import report
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
