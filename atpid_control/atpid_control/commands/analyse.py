@@ -39,24 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--input", type=word, metavar="CHANNEL", help="what excites; default: support_displacement or drive_force")
     add("--output", type=word, default=BEAM, metavar="CHANNEL", help=f"what answers; default: {BEAM}")
     add_part(parser, "begin of the part analysed")
-    add(
-        "--integrate",
-        type=positive("Hz"),
-        metavar="HZ",
-        help="accelerations as displacements, integrated above this corner; their drift is printed",
-    )
-    add(
-        "--resolution",
-        type=positive("Hz"),
-        metavar="HZ",
-        help="distance of two lines; default: 16 segments of the part",
-    )
-    add(
-        "--window",
-        choices=WINDOWS,
-        default="",
-        help="boxcar: the excitation's period is the segment; local: it passes once; default: local or hann, by it",
-    )
+    integrate = "accelerations as displacements, integrated above this corner; their drift is printed"
+    add("--integrate", type=positive("Hz"), metavar="HZ", help=integrate)
+    resolution = "distance of two lines; default: 16 segments of the part"
+    add("--resolution", type=positive("Hz"), metavar="HZ", help=resolution)
+    window = "boxcar: the excitation's period is the segment; local: it passes once; default: local or hann, by it"
+    add("--window", choices=WINDOWS, default="", help=window)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -76,9 +64,8 @@ def run(args: argparse.Namespace) -> int:
     faults = run.faults(*ends)
     numbers = {"bag": str(args.bag), **found.to_json(), "integrated": drifts, "missing": missing, "faults": faults}
     notes = [*drifts, *(f"not to be trusted: {line}" for line in (*found.doubts, *faults))]
-    return give(
-        args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture, panels(found))
-    )
+    shown = Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture, panels(found))
+    return give(args, numbers, file, shown)
 
 
 def _report_arguments(parser: argparse.ArgumentParser) -> None:
