@@ -7,14 +7,14 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 
+from atpid_common.files import Document
 from atpid_common.middleware import named_domain
 from atpid_common.output import writing
 from atpid_common.real_time import LOOP_PRIORITY, refusal
@@ -133,7 +133,7 @@ def _run_nodes(
             raise KeyboardInterrupt(stopped(out / "bag")) from None
 
 
-def _warm_up_kernels(scene: Scene, identifier: Mapping[str, Any]) -> None:
+def _warm_up_kernels(scene: Scene, identifier: Document) -> None:
     """Compile what the graph needs, or load it, before it starts, so that every node finds it in the cache."""
     console = Console(stderr=True)
     with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
@@ -154,7 +154,7 @@ def _advance(scene: Scene) -> None:
     Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
 
 
-def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:
+def _identify(frequency: float, parameters: Document) -> None:
     """Feed a tone that changes, with noise, hum and a gap, so that every path of the identification is taken."""
     trial = Identifier(identification_settings(parameters.__getitem__))
     time = np.arange(_BLOCK * _BLOCKS) / _RATE

@@ -52,9 +52,8 @@ def parameters_emulated(
     """
     if not scene.ceiling.controlled:
         raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
-    scene.refuse_faults(
-        "the emulated stand", ("clock", *CEILING)
-    )  # its device has a clock, and the firmware a motor, of its own
+    # its device has a clock, and the firmware a motor, of its own
+    scene.refuse_faults("the emulated stand", ("clock", *CEILING))
     if not board:
         scene.refuse_faults("an emulated stand without its board (sudo make avr-tools)", LINK)
     parameters = own_parameters(scene, scene_file, height_map, bag, lockstep=False, link=True)
@@ -96,12 +95,12 @@ def calibrated(
     path: Path, channel: str, unit: str, coefficients: tuple[float, float], volts: tuple[float, float]
 ) -> Path:
     """Write the calibration of an emulated device, and return its file."""
-    save(Calibration(channel=channel, sensor="emulated", serial="none", date=datetime.date(2026, 11, 24),
-                     source="definition", unit=unit, coefficients=coefficients, limits_volts=volts), path)  # fmt: skip
+    about = {"sensor": "emulated", "serial": "none", "source": "definition", "date": datetime.date(2026, 11, 24)}
+    save(Calibration(channel=channel, unit=unit, coefficients=coefficients, limits_volts=volts, **about), path)
     return path
 
 
-def emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:
+def _emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:
     """Return the command of the emulated board, whose line has the scene's faults: outside of all that is tested."""
     faults = [word for fault in scene.injected if fault.part in LINK for word in ("--fault", str(fault))]
     return [str(program()), "emulator", "--link", str(place / "board"), *faults, *more]
@@ -125,7 +124,7 @@ def commands_emulated(
         exciter, words = command_of(part, parameter_file, ros)
         own = _device_environment(place / "exciter", output=place / "output")  # another one than that of the lasers
         commands.insert(1, (exciter, ["env", *own, *words]))
-    return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
+    return [*commands, ("emulator", _emulator_command(scene, place))] if board else commands
 
 
 def _device_environment(control: Path, source: str = "", output: Path | None = None) -> list[str]:
@@ -135,6 +134,7 @@ def _device_environment(control: Path, source: str = "", output: Path | None = N
     if output is not None:
         Outputs(output)
     ni = control if output else None  # an exciter's device may be either
-    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output, daqmx_control=ni,
-                         daqmx_output=output)  # fmt: skip
+    values = environment(
+        libraries, ljm_control=control, ljm_source=source, ljm_output=output, daqmx_control=ni, daqmx_output=output
+    )
     return [f"{name}={value}" for name, value in values.items()]

@@ -5,8 +5,8 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
+from atpid_common.files import Document
 from atpid_control.stand.parts import LIVE, Part
 from atpid_control.views.live.address import HOST, PORT, LiveError, prepared, require_library
 
@@ -36,7 +36,7 @@ def parts(args: argparse.Namespace) -> list[Part]:
     return [LIVE] if args.live else []
 
 
-def parameters(args: argparse.Namespace) -> dict[str, Any]:
+def parameters(args: argparse.Namespace) -> Document:
     """Return what the run sets in it."""
     if not args.live:
         return {}

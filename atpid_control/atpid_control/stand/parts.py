@@ -12,18 +12,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
 from atpid_common.cli import load
 from atpid_common.errors import not_installed, one_line
+from atpid_common.files import Document
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters
 from atpid_sim.scene import Scene
@@ -53,7 +54,7 @@ class Part:
         """Its parameter file; raises BenchError where the workspace is not built."""
         return Path(found(get_package_share_directory, self.package)) / "config" / self.config
 
-    def configured(self) -> dict[str, Any]:
+    def configured(self) -> Document:
         """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
         return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
 
@@ -65,7 +66,7 @@ def built(path: Path) -> Path:
     return path
 
 
-def found(where: Any, package: str) -> str:
+def found(where: Callable[[str], object], package: str) -> str:
     """Return what the function `where` finds of a package; raise BenchError where the package is not on the path."""
     try:
         return str(where(package))
@@ -80,8 +81,6 @@ EXCITER = "excitation_node"
 #: The package that brings a node, by the node's name: of extensions of this project, installed or not.
 _BROUGHT_BY = Path(__file__).parents[1] / "data" / "nodes.json"
 
-Values = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class AddedPart:
@@ -95,8 +94,8 @@ class AddedPart:
 
     part: Part
     table: str
-    simulated: Callable[[Scene], Values]
-    emulated: Callable[[Scene, Path, Mapping[str, Any]], tuple[Values, Values]]
+    simulated: Callable[[Scene], Document]
+    emulated: Callable[[Scene, Path, Document], tuple[Document, Document]]
 
 
 @cache
@@ -251,22 +250,21 @@ def stand_parameters(parts: Iterable[Part], scene_file: Path, height_map: Path |
     """Return what a run sets in the nodes of a stand, `parts`."""
     named = {"scene": str(scene_file.absolute())}
     others = [part.name for part in parts if part.name not in (SUPERVISOR.name, LIVE.name)]
-    return {
-        SERIAL_MOTOR.name: {"supervised": True}, EXCITER: {"supervised": True},
-        SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")},
-    }  # fmt: skip
+    moving: Parameters = {name: {"supervised": True} for name in (SERIAL_MOTOR.name, EXCITER)}
+    own = {SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")}}
+    return moving | own
 
 
-def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:
+def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> Document:
     """Return what a run sets in the supervisor: all of its nodes have to answer.
 
     A scene with faults is run with them: its loop is not checked.
     """
-    own: dict[str, Any] = answering(part.name for part in parts) | {"scene": str(scene_file)}
+    own: Document = answering(part.name for part in parts) | {"scene": str(scene_file)}
     return own | ({"check_time": 0.0} if scene.injected else {})
 
 
-def answering(nodes: Iterable[str]) -> dict[str, Any]:
+def answering(nodes: Iterable[str]) -> Document:
     """Return which nodes have to answer. With an exciter all of a stand are needed, and it is off in half a second.
 
     What simulates or emulates it ends before the others.

@@ -109,7 +109,7 @@ def keep_running(nodes: Processes, namespace: str = "", seconds: float = math.in
     """
     from atpid_control.stand.nodes.composition import watching
 
-    with watching(lambda _text: None, namespace) as (watch, listen), stop_key(watch.stop_motor), nodes.motor_first():
+    with watching(lambda _text: None, namespace) as (watch, listen), _stop_key(watch.stop_motor), nodes.motor_first():
         while watch.elapsed < seconds:
             _check(nodes, watch, except_for="")
             listen()
@@ -156,7 +156,7 @@ def run_realtime(
     with (
         Processes(_on_disk(commands, faults), logs, restarts=ros.restarts) as nodes,
         watching(to_stderr, ros.namespace) as (watch, listen),
-        stop_key(watch.stop_motor) if moves else nullcontext(),
+        _stop_key(watch.stop_motor) if moves else nullcontext(),
         nodes.motor_first() if moves else nullcontext(),
     ):
         last = nodes[source]
@@ -186,7 +186,7 @@ _AGAIN = 0.2
 
 
 @contextmanager
-def stop_key(stop: Callable[[], None]) -> Iterator[None]:
+def _stop_key(stop: Callable[[], None]) -> Iterator[None]:
     """Call `stop`, in another thread, at each Enter; without a terminal there is no key, and nothing is announced.
 
     A thread, so that no other work delays it.

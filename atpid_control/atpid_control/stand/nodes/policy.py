@@ -85,7 +85,7 @@ def _actions(services: Iterable[str]) -> set[str]:
     return {name.partition(_ACTION)[0] for name in services if _ACTION in name}
 
 
-def operator_rights(nodes: Iterable[Rights], own: Rights) -> Rights:
+def _operator_rights(nodes: Iterable[Rights], own: Rights) -> Rights:
     """Return an operator's: sees every topic, may request every service and action, publishes nothing of the graph.
 
     own: what every node does, whatever its task.
@@ -184,18 +184,18 @@ def opened(observer: Node, name: str, namespace: str = "/") -> Rights:
     return Rights(*({topic for topic, _ in query(name, namespace)} for query in queries)).actions_folded
 
 
-def rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
+def _rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
     """Return the rights of each node, and of an operator."""
     found = {name: opened(node, name) | LATER.get(name, Rights()) for name, node in nodes.items()}
     for one in found.values():  # the values of parameters are requested once their names are known
         one.request |= {name.removesuffix(_LISTED) + _READ for name in one.request if name.endswith(_LISTED)}
-    return found | {OPERATOR: operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
+    return found | {OPERATOR: _operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
 
 
 def run(given: Namespace) -> int:
     """Make the policy; return 0."""
     with tempfile.TemporaryDirectory(prefix="atpid-policy-") as folder, made(given.scene, Path(folder)) as nodes:
-        text = policy(rights_of(nodes))
+        text = policy(_rights_of(nodes))
     if given.out is None:
         print(text, end="")
     else:

@@ -36,7 +36,7 @@ class Address:
     @property
     def url(self) -> str:
         """The page's address, with the token where one is needed."""
-        host = reachable(self.host)
+        host = _reachable(self.host)
         return (
             f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{f'?token={self.token}' if self.token else ''}"
         )
@@ -70,7 +70,7 @@ def address_of(host: str, port: int, environment: Mapping[str, str] = os.environ
     return Address(str(found), port, given or secrets.token_urlsafe(16))
 
 
-def reachable(host: str) -> str:
+def _reachable(host: str) -> str:
     """Return an address at which others reach a server that listens on `host`; this computer's own for 0.0.0.0."""
     if host not in ("0.0.0.0", "::"):
         return host

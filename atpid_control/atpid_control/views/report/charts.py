@@ -182,8 +182,6 @@ def _panel(figure: Figure, panel: Panel, axis: str, top: float, end: float) -> N
         chosen = extremes(panel.errors[1], _POINTS)
         time, error, bar = ([round(float(value), 5) for value in values[chosen]] for values in panel.errors)
         scale["tickvals"] = [panel.limits[0], 0.0, panel.limits[1]]
-        figure["data"].append(
-            {"type": "scatter", "mode": "markers", "x": time, "yaxis": axis, "name": "error", "y": error,
-             "marker": {"color": "@own", "size": 3.5}, "hovertemplate": hover,
-             "error_y": {"type": "data", "array": bar, "color": "@soft", "thickness": 2.0, "width": 0}}
-        )  # fmt: skip
+        bars = {"type": "data", "array": bar, "color": "@soft", "thickness": 2.0, "width": 0}
+        look = {"marker": {"color": "@own", "size": 3.5}, "hovertemplate": hover, "error_y": bars}
+        _scatter(figure, "markers", time, error, name="error", yaxis=axis, **look)

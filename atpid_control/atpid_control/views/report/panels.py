@@ -130,7 +130,7 @@ def _error(view: View) -> list[Panel]:
     largest = float(np.nanmax(np.abs(error) + bar, initial=0.0))
     if largest < _SEEN:
         return []
-    limit = rounded_up(largest)
+    limit = _rounded_up(largest)
     title, errors = "Error of the identified amplitude, ±2σ", (estimates.time[steady], error, bar)
     return [Panel(title, "%", 1.0, limits=(-limit, limit), errors=errors)]
 
@@ -151,7 +151,7 @@ def _frequency(view: View) -> list[Panel]:
     return [Panel("Frequency of the excitation", "Hz", 1.35, curves, (low - room, high + room))]
 
 
-def rounded_up(value: float) -> float:
+def _rounded_up(value: float) -> float:
     """Return the next of 0.1, 0.2, 0.5, 1, 2, 5, ... above `value`."""
     first = max(-1, math.ceil(math.log10(value)) - 1) if value > 0.0 else -1
     return next(

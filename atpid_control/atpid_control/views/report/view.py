@@ -91,8 +91,9 @@ class View:
         length = _PERIODS / self.run.scene.frequency_hz
         if self.decrements is not None:
             return 0.0, min(length, self.run.duration)
-        end = next((end for stage, (_, end) in reversed([*zip(self.stages, self.windows, strict=True)])
-                    if math.isfinite(stage.amplitude)), self.run.duration)  # fmt: skip
+        measured = zip(self.stages, self.windows, strict=True)
+        ends = [end for stage, (_, end) in measured if math.isfinite(stage.amplitude)]
+        end = ends[-1] if ends else self.run.duration
         return max(0.0, end - length), end
 
 
