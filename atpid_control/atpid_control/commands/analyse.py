@@ -76,15 +76,18 @@ def _report_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _report(args: argparse.Namespace) -> int:
     """Make the report; return 0. Raises BagError, ReportError."""
-    from atpid_control.views.report.page import check_folder, report  # here, since it loads slowly
+    # here, since they load slowly
+    from atpid_control.views.report.page import check_folder, write_report
+    from atpid_control.views.report.view import headline, view_of
 
     bag = bag_of(args.bag)
     check_folder(args.out)
     with working("reading the bag, repeating its stages by simulation, drawing"):
-        made = report(bag, args.out)
-    print(made.headline)
-    print_missing(made.missing)
-    print(made.page)
+        view = view_of(bag)
+        page = write_report(view, args.out)
+    print(headline(view))
+    print_missing(view.run.missing)
+    print(page)
     return 0
 
 

@@ -181,7 +181,7 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     from atpid_control.runs.run import open_run
     from atpid_control.stand.summary import show, summary_of, write_summary
     from atpid_control.views.report.page import write_report
-    from atpid_control.views.report.view import view_of
+    from atpid_control.views.report.view import headline, view_of
 
     with working("reading the bag, repeating its stages by simulation"):
         view = view_of(open_run(out / "bag"))
@@ -190,8 +190,8 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
         write_summary(summary, out / "summary.json")
     show(summary, view, scene, Console(width=max(110, shutil.get_terminal_size().columns), highlight=False))
     with working("drawing the report"):
-        made = write_report(view, out)
-    print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
+        page = write_report(view, out)
+    print(f"{headline(view)}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {page}")
     if view.run.duration < scene.duration - 2.0 * scene.recording.block:
         recorded = f"recorded {view.run.duration:g} s of {scene.duration:g} s"
         raise BenchError(f"{out / 'bag'}: {recorded}; see its last events")

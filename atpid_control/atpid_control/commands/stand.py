@@ -87,9 +87,4 @@ def _live_arguments(parser: argparse.ArgumentParser) -> None:
     add("--namespace", type=graph_name, metavar="NAME", help="of the nodes; default: none")
 
 
-def _live(args: argparse.Namespace) -> int:
-    """Serve the page until interrupted; return the exit status."""
-    return live_page.serve(args.host, args.port, args.scene, args.namespace)
-
-
-LIVE = Command(_live_arguments, _live, "--scene scenes/thesis_4_3.yaml --port 8080")
+LIVE = Command(_live_arguments, live_page.serve, "--scene scenes/thesis_4_3.yaml --port 8080")

@@ -107,7 +107,7 @@ def test_the_bench_keeps_the_promise_at_every_stage(folder: Path, made: Any, tmp
 def test_pages_are_accessible_and_whole_on_every_screen_and_a_name_on_a_curve_is_found(
     folder: Path, tmp_path: Path
 ) -> None:
-    page = report(BAG, tmp_path / "report").page
+    page = report(BAG, tmp_path / "report")
     for arguments in (["analyse", BAG], ["compare", BAG, ROOT / "bags/rumble"], ["validate", BAG]):
         assert main(["bag", *map(str, arguments), "--out", str(tmp_path / str(arguments[0]))]) == 0
     found = visited(folder / "design.html", page, *tmp_path.glob("*/[ab]*.html"))

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -19,7 +18,7 @@ from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
 from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
-from atpid_control.views.report.stages import Closed, Printed, Stage, measured_decrement
+from atpid_control.views.report.stages import Printed, Stage, measured_decrement
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
 from atpid_control.views.static_page import document, facts, scripts, table
 from atpid_sim.scene import Scene
@@ -224,17 +223,6 @@ class ReportError(InputError):
     """A report that cannot be written."""
 
 
-@dataclass(frozen=True)
-class Report:
-    """What was made."""
-
-    page: Path
-    pictures: list[Path]
-    stages: list[Stage]
-    headline: str
-    missing: list[str]  # what is not in the bag and should be
-
-
 def check_folder(out: Path) -> None:
     """Raise ReportError where `out` holds anything but an earlier report or a run of the bench."""
     if not out.is_dir() or (out / _RUN).is_file():
@@ -247,21 +235,17 @@ def check_folder(out: Path) -> None:
         )
 
 
-def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
-    """Write `out`/report.html and the pictures of a recorded run; return what was made.
-
-    `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
-    Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
-    """
-    return write_report(view_of(bag, closed), out)
+def report(bag: Path, out: Path) -> Path:
+    """Write report.html and the pictures of a recorded run into `out`; return the page. Raises BagError too."""
+    return write_report(view_of(bag), out)
 
 
-def write_report(view: View, out: Path) -> Report:
-    """Write page and pictures of a run that has been read; see `report`."""
+def write_report(view: View, out: Path) -> Path:
+    """Write page and pictures of a run that has been read; return the page. Raises ReportError."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        pictures = save_pictures(view, out)
+        save_pictures(view, out)
         (out / PAGE).write_text(page(view), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"{out}: cannot write the report ({error.strerror}); choose another folder") from None
-    return Report(out / PAGE, pictures, view.stages, headline(view), view.run.missing)
+    return out / PAGE

@@ -21,17 +21,13 @@ _PNG = {"compress_level": 3}
 _LONG, _POINTS = 200_000, 20_000
 
 
-def save_pictures(view: View, folder: Path) -> list[Path]:
-    """Draw every picture the run has, light and dark; return the files written."""
-    written = []
+def save_pictures(view: View, folder: Path) -> None:
+    """Draw every picture the run has, light and dark."""
     for scheme, palette in (("", LIGHT), ("-dark", DARK)):
         for name, chart in (("overview", overview(view)), ("grain", grain(view))):
             if chart is not None:
                 figure = draw(chart, palette)
-                path = folder / f"{name}{scheme}.png"
-                figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure), pil_kwargs=_PNG)
-                written.append(path)
-    return written
+                figure.savefig(folder / f"{name}{scheme}.png", dpi=_DPI, metadata=metadata_of(figure), pil_kwargs=_PNG)
 
 
 def draw(chart: Chart, palette: Palette) -> Figure:

@@ -6,17 +6,16 @@ The run is simulated again: with the damper closed, as the baseline, and as reco
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.files import Document
 from atpid_common.output import finite
-from atpid_control.runs.run import Run, open_run
+from atpid_control.runs.run import Run
 from atpid_control.runs.tables import TRUTH
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -27,8 +26,6 @@ from atpid_sim.simulation.reproducibility import Verdict
 from atpid_sim.simulation.simulate import trajectory, verdicts
 from atpid_sim.system import Array
 
-#: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
-Closed = Callable[[Scene, Array], Array]
 #: Begin and end [s].
 Interval = tuple[float, float]
 
@@ -51,12 +48,12 @@ def closed_by_simulation(scene: Scene, times: Array) -> Array:
     return np.asarray(np.interp(times, found.time, found.beam))
 
 
-def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
+def closed_motion(run: Run) -> Array | None:
     """Return the closed damper's beam (n,) [m] at the run's times; None without a scene or a simulation."""
     if run.scene is None:
         return None
     try:
-        return (closed or closed_by_simulation)(run.scene, run.motion.time)
+        return closed_by_simulation(run.scene, run.motion.time)
     except NumericalFailure:
         return None
 
@@ -157,12 +154,6 @@ def per_cent(limits: tuple[float, float]) -> str:
         return "–"
     least, largest = (f"{round(100.0 * value)}".replace("-", "−") for value in limits)
     return f"{least} %" if least == largest else f"{least} to {largest} %"
-
-
-def stages(source: Path | Run, closed: Closed | None = None) -> list[Stage]:
-    """Return the stages of a recorded run; none where nothing excites it steadily. Raises BagError."""
-    run = source if isinstance(source, Run) else open_run(source)
-    return measure(run, closed_motion(run, closed))
 
 
 def measure(run: Run, closed: Array | None) -> list[Stage]:

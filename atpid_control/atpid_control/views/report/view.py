@@ -11,7 +11,6 @@ import numpy as np
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.tables import TRUTH
 from atpid_control.views.report.stages import (
-    Closed,
     Printed,
     Stage,
     beside,
@@ -97,10 +96,10 @@ class View:
         return max(0.0, end - length), end
 
 
-def view_of(source: Path | Run, closed: Closed | None = None) -> View:
+def view_of(source: Path | Run) -> View:
     """Return what a report of a recorded run shows. Raises BagError."""
     run = source if isinstance(source, Run) else open_run(source)
-    baseline = closed_motion(run, closed)
+    baseline = closed_motion(run)
     stages = measure(run, baseline)
     rest = run.scene.static_deflection if run.scene is not None else -float(np.nanmean(run.motion.beam))
     beam = run.motion.beam + rest
