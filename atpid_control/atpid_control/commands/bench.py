@@ -27,7 +27,7 @@ from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.launching.options import add_bench as add_arguments
 from atpid_control.stand.parameters import BenchError, Parameters, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, exciter_of, parameters_for, parts_of
+from atpid_control.stand.parts import exciter_of, given_parameters, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
 from atpid_control.stand.running import Commands, RosOptions, commands_of, run_realtime, shown
 from atpid_driver.emulator import missing_tools
@@ -40,7 +40,6 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 #: The tone of the warm-up: rate [Hz], samples a block, blocks.
 _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --out out/bench"
 
 
@@ -61,7 +60,7 @@ def recorded(args: argparse.Namespace) -> Iterator[Scene]:
             if given := getattr(args, name):
                 option = f"--{name.replace('_', '-')}"
                 raise BenchError(f"{option}: given {given}; allowed: with --real-time or --emulated-stand")
-    given = read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
+    given = given_parameters(args)
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)

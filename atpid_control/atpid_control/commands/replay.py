@@ -22,7 +22,6 @@ from atpid_control.stand.running import RosOptions, commands_of, run_realtime, s
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-#: Arguments of the example in the help.
 EXAMPLE = "bags/thesis_4_3_short --out out/again"
 
 

@@ -31,7 +31,6 @@ from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import steady_amplitude
 from atpid_sim.simulation.quantities import efficiency, worse_than_without
 
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
 _USUAL = Options()
 

@@ -47,26 +47,26 @@ class Part:
     @property
     def executable(self) -> Path:
         """What `ros2 run` starts; raises BenchError where the workspace is not built."""
-        return built(Path(found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
+        return _built(Path(_found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
 
     @property
     def config_file(self) -> Path:
         """Its parameter file; raises BenchError where the workspace is not built."""
-        return Path(found(get_package_share_directory, self.package)) / "config" / self.config
+        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
 
     def configured(self) -> Document:
         """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
         return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
 
 
-def built(path: Path) -> Path:
+def _built(path: Path) -> Path:
     """Return a path of the workspace; raise BenchError where it is not built."""
     if not path.exists():
         raise BenchError(f"{path} is missing: build the workspace with `make setup`")
     return path
 
 
-def found(where: Callable[[str], object], package: str) -> str:
+def _found(where: Callable[[str], object], package: str) -> str:
     """Return what the function `where` finds of a package; raise BenchError where the package is not on the path."""
     try:
         return str(where(package))
@@ -103,7 +103,7 @@ def added_part(name: str) -> AddedPart:
     """Return the node of this name. Raises BenchError: no installed package has it, several do, or it does not load."""
     found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
     if len(found) != 1:
-        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else missing(name))
+        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else _missing(name))
     (entry,) = found.values()
     try:
         part = entry.load()
@@ -119,7 +119,7 @@ def is_installed(name: str) -> bool:
     return bool(entry_points(group=GROUP, name=name))
 
 
-def missing(name: str) -> str:
+def _missing(name: str) -> str:
     """Return the line on a node that no installed package has: which package brings it."""
     brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
     if name not in brought:
@@ -145,6 +145,8 @@ PARTS = (
     Part("atpid_control", "recorder_node", "recorder.yaml"),
 )
 NODES = {part.name: part for part in PARTS}
+#: What hardware and simulation have in common, the recorder last.
+LOOP = tuple(NODES[name] for name in ("identifier_node", "selector_node", "recorder_node"))
 #: What supervises them in real time; in lockstep nothing depends on a clock, and nothing is supervised.
 SUPERVISOR = Part("atpid_control", "supervisor_node", "supervisor.yaml")
 #: Of the bench in real time, in the order of stopping: the motor first.
@@ -214,6 +216,11 @@ def usual_parameters(parts: Iterable[Part], scene: Scene) -> Parameters:
         identifier["support_channel"] = scene.driven_by.channel
         identifier["least_amplitude"] *= scene.beam.stiffness  # the force that moves the structure by as much
     return usual
+
+
+def given_parameters(args: argparse.Namespace) -> Parameters:
+    """Return the values of the user's parameter file, none without one. Raises FileError, SceneError or BenchError."""
+    return read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
 
 
 def own_parameters(
@@ -293,7 +300,7 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
 
 def program() -> Path:
     """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
-    return built(Path(found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
+    return _built(Path(_found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
 
 
 def enclave_of(node: str) -> str:

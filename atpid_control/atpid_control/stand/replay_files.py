@@ -11,12 +11,12 @@ from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.metadata import SCENE, commit_of
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.stand.parameters import Parameters, parameters_in, write_parameters
-from atpid_control.stand.parts import NODES, Part
+from atpid_control.stand.parts import LOOP, Part
 
 _PARAMETER_FILE = "parameters.yaml"
 #: There is no motor: the ceiling's state comes from the bag as well.
 PLAYED = ["sensors/*", "ceiling/state"]
-IDENTIFIER, SELECTOR, RECORDER = (NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
+IDENTIFIER, SELECTOR, RECORDER = LOOP
 REPLAY = Part("atpid_control", "replay_node", "")
 #: Parameters that name a file, or how messages are queued; a replay sets them itself.
 _OF_THE_RUN = ("scene", "map", "lockstep")

@@ -134,7 +134,11 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None, unit
     for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
-        table.add_row(*_row(stage), *(_printed(other) if other else ()))
+        cells = _row(stage)
+        if other:
+            height = f"{other.height_sign}{other.height:g}"
+            cells += [height, f"{other.amplitude:g}", f"{other.closed:g}", f"{100 * other.efficiency:.0f} %"]
+        table.add_row(*cells)
     return table
 
 
@@ -153,8 +157,3 @@ def _row(stage: Stage) -> list[str]:
         *shares,
     )
     return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
-
-
-def _printed(stage: Printed) -> list[str]:
-    height = f"{stage.height_sign}{stage.height:g}"
-    return [height, f"{stage.amplitude:g}", f"{stage.closed:g}", f"{100 * stage.efficiency:.0f} %"]

@@ -21,7 +21,6 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.files import Document
@@ -227,7 +226,7 @@ class BenchWatch(Node):
         if not ready:
             to_stderr("no motor node and no supervisor yet: there is nothing to stop")
         for client in ready:
-            client.call_async(Trigger.Request()).add_done_callback(_answered)
+            client.call_async(Trigger.Request()).add_done_callback(lambda answer: to_stderr(answer.result().message))
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:
@@ -249,10 +248,6 @@ class BenchWatch(Node):
         if relevant and early and text not in self._reported:
             self._reported.add(text)
             self._report(text)
-
-
-def _answered(answer: Future) -> None:
-    to_stderr(answer.result().message)
 
 
 @contextmanager

@@ -50,14 +50,8 @@ def shares_of(scene: Scene | None) -> dict[str, _ShareSoFar]:
 
 
 #: Topics that come all the time in a running graph: silent after so long [s].
-_SILENT = {
-    "sensors/laser": 1.0,
-    "excitation": 1.0,
-    "ceiling/command": 1.0,
-    "ceiling/state": 1.0,
-    "supervisor/state": 1.0,
-    "recorder/status": 3.0,
-}
+_SILENT = dict.fromkeys(("sensors/laser", "excitation", "ceiling/command", "ceiling/state", "supervisor/state"), 1.0)
+_SILENT["recorder/status"] = 3.0
 #: The same that a topic of the loop is about.
 _OF_SUPERVISOR = "supervisor/state"
 _MOTOR = "motor_node"

@@ -79,7 +79,9 @@ class LiveView:
             names = list(block.channels)
             data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
             self._drive = next((drive for drive in DRIVES.values() if drive.channel in names), self._drive)
-            chosen = np.stack([_column(data, names, name) for name in (self._drive.channel, BEAM)], axis=1)
+            unknown = np.full(len(data), np.nan)
+            wanted = (self._drive.channel, BEAM)
+            chosen = np.stack([data[:, names.index(name)] if name in names else unknown for name in wanted], axis=1)
             self._samples.add(block.first_index, block.rate, chosen)
             self._add_samples("motion", block, chosen)
 
@@ -212,7 +214,3 @@ class LiveView:
 def _nanoseconds(message: "Stamped") -> int:
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def _column(data: Array, names: list[str], name: str) -> Array:
-    return data[:, names.index(name)] if name in names else np.full(len(data), np.nan)
