@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +147,7 @@ def test_an_irregular_stage_has_the_spread_of_repeated_runs(controlled: bool, re
     least, largest = stage.amplitude_spread
     assert least <= stage.amplitude <= largest
     assert largest > 1.05 * least
-    assert json.loads(json.dumps(stage.as_dict()))["amplitude_spread"] == [least, largest]
+    assert json.loads(json.dumps(asdict(stage)))["amplitude_spread"] == [least, largest]
     low, high = (f"{100.0 * value:.0f}" for value in stage.efficiency_range)
     assert f"{low} to {high} %" in headline(view)
 

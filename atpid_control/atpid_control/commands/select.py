@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
-from atpid_common.files import Document
 from atpid_common.output import finite
 from atpid_control.selection.checks import range_warnings
 from atpid_control.selection.protocol import (
@@ -71,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
             raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
         raise
     bare = scene.linear_amplitude(amplitude, scene.frequency_hz, grain=False)
-    _give(args, scene, chosen, bare, title=f"{chosen.method} at {amplitude:g} {scene.driven_by.unit}")
+    _give(args, scene, chosen, bare, f"{chosen.method} at {amplitude:g} {scene.driven_by.unit}")
     return 0
 
 
@@ -87,37 +86,26 @@ def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
     from atpid_control.selection.by_rms import least_rms
 
     chosen, bare, unsure = least_rms(scene)
-    _give(args, scene, chosen, bare, unsure, title="direct, by root mean square", measure="root mean square")
+    _give(args, scene, chosen, bare, "direct, by root mean square", unsure)
     return 0
 
 
 def _give(
-    args: argparse.Namespace,
-    scene: Scene,
-    chosen: Selection,
-    bare: float,
-    unsure: Sequence[str] = (),
-    *,
-    title: str,
-    measure: str = "",
+    args: argparse.Namespace, scene: Scene, chosen: Selection, bare: float, title: str, unsure: Sequence[str] = ()
 ) -> None:
-    """Print the selection; `bare`: the beam without the damper [m], `measure`: what is given in place of amplitudes."""
+    """Print the selection; `bare`: amplitude of the beam without the damper [m], or its root mean square."""
     reduction = efficiency(chosen.beam_amplitude, bare)
     warnings = [*scene.warnings(), *range_warnings(scene, chosen), *unsure, *worse_than_without(reduction)]
     if args.json:
-        shown = to_json(chosen) | {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
-        shown |= {"resonance": scene.natural_frequency_hz} | ({"measure": measure} if measure else {})
+        shown = asdict(chosen)
+        shown["amplitude"] = shown.pop("beam_amplitude")
+        shown |= {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
+        shown["resonance"] = scene.natural_frequency_hz
+        if scene.excitation.is_stationary:
+            shown["measure"] = "root mean square"
         print(json.dumps(finite(shown), allow_nan=False))
     else:
-        named = "RMS of the beam" if measure else "beam amplitude"
-        _show(f"{args.scene}: {title}", scene, chosen, warnings, bare, named)
-
-
-def to_json(chosen: Selection) -> Document:
-    """Return a selection's fields by the names of `--json`; NaN as None."""
-    plain = asdict(chosen)
-    plain["amplitude"] = plain.pop("beam_amplitude")
-    return dict(finite(plain))
+        _show(f"{args.scene}: {title}", scene, chosen, warnings, bare)
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
@@ -147,7 +135,8 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
     return map_for(scene.with_(ceiling=looked_up))
 
 
-def _show(title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float, measure: str) -> None:
+def _show(title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float) -> None:
+    measure = "RMS of the beam" if scene.excitation.is_stationary else "beam amplitude"
     table = Table(title=title, show_header=False)
     rows = {
         "height": f"{chosen.height:.4f} m",

@@ -9,7 +9,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
 
@@ -45,8 +45,7 @@ class NodeProcess:
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
         if not Path(command[0]).exists() and shutil.which(command[0]) is None:
             raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
-        with ExitStack() as stack:
-            sink = stack.enter_context(log.open("ab")) if log else None
+        with log.open("ab") if log else nullcontext() as sink:
             try:
                 self.process = subprocess.Popen(
                     [*(START_NODE if name.endswith("_node") else _START), *command],

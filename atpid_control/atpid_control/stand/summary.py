@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from atpid_common.output import finite
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs.run import Run
 from atpid_control.views.report.latency import laser_blocks, latency_of, received_of, summary_line
-from atpid_control.views.report.stages import Printed, Stage, beside
+from atpid_control.views.report.stages import Printed, Stage, beside, per_cent
 from atpid_control.views.report.view import View, not_arrived
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.quantities import modes_in, worse_than_without
@@ -32,7 +33,7 @@ def summary_of(view: View, scene: Scene, mode: str) -> Document:
     run = view.run
     own, closed = view.decrements or (math.nan, math.nan)
     return {
-        "stages": [stage.as_dict() for stage in view.stages],
+        "stages": [asdict(stage) for stage in view.stages],
         "drive": run.drive._asdict(),
         "modes": [mode._asdict() for mode in modes_in(scene)],
         "decrement": own,
@@ -143,7 +144,7 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None, unit
 
 
 def _row(stage: Stage) -> list[str]:
-    shares = [stage.efficiency_text(), stage.reduction_text()]
+    shares = [per_cent(stage.efficiency_range), per_cent(stage.reduction_range)]
     if stage.amplitude_spread is None:
         known = (stage.efficiency, stage.reduction)
         shares = [f"{round(100 * share, 1) + 0.0:.1f} %" if math.isfinite(share) else "nan" for share in known]

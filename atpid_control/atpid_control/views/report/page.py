@@ -18,7 +18,7 @@ from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
 from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
-from atpid_control.views.report.stages import Printed, Stage, measured_decrement
+from atpid_control.views.report.stages import Printed, Stage, measured_decrement, per_cent
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
 from atpid_control.views.static_page import document, facts, scripts, table
 from atpid_sim.scene import Scene
@@ -89,9 +89,9 @@ def _tiles(view: View) -> Iterator[Document]:
                 what = f"reduction, {view.run.drive.name} ±{scale * stage.excitation_amplitude:.4g} {unit}"
                 below = (
                     f"without the damper ±{1e3 * stage.bare_amplitude:.3g} mm → {_beam_amplitude(stage)}; "
-                    f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {stage.efficiency_text()}"
+                    f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {per_cent(stage.efficiency_range)}"
                 )
-                yield _tile(stage.reduction_text(), what, below)
+                yield _tile(per_cent(stage.reduction_range), what, below)
     elif scene is not None:
         own, closed = view.decrements
         free, still = measured_decrement(scene, scene.ceiling.heights[0][1]), measured_decrement(scene, 0.0)
@@ -185,8 +185,9 @@ def _cells(drive: Drive, stage: Stage, printed: Printed | None) -> list[dict[str
         thesis["efficiency"] = f"{100.0 * printed.efficiency:.0f} %"
         best["height"] = f"{1e3 * printed.best_height:.0f} mm"
         best["efficiency"] = f"{100.0 * printed.best_efficiency:.0f} %"
-    efficiency = stage.efficiency_text() if stage.amplitude_spread else number(100.0 * stage.efficiency, ".1f", "%")
-    reduction = stage.reduction_text() if stage.amplitude_spread else number(100.0 * stage.reduction, ".1f", "%")
+    efficiency, reduction = per_cent(stage.efficiency_range), per_cent(stage.reduction_range)
+    if stage.amplitude_spread is None:
+        efficiency, reduction = (number(100.0 * share, ".1f", "%") for share in (stage.efficiency, stage.reduction))
     cells = [
         (f"{stage.t0:.4g} to {stage.t1:.4g} s", ""),
         (number(scale * stage.excitation_amplitude, ".4g", unit), ""),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.analysis.rows import shown_unit
+from atpid_control.views.report.stages import per_cent
 from atpid_control.views.report.view import View
 from atpid_sim.system import Array
 
@@ -92,7 +93,7 @@ def _beam(view: View) -> Panel:
         curves.append(Curve("closed", time, closed, "given", _REFERENCE, label))
     curves.append(Curve(view.own_name, time, beam, "own", _THIN, 0.0 if closed is None else 0.5 * top))
     efficiencies = [
-        (0.5 * (begin + end), 1.3 * reach, stage.efficiency_text())
+        (0.5 * (begin + end), 1.3 * reach, per_cent(stage.efficiency_range))
         for stage, (begin, end) in zip(view.stages, view.windows, strict=True)
         if closed is not None and math.isfinite(stage.efficiency)
     ]

@@ -7,14 +7,13 @@ The run is simulated again: with the damper closed, as the baseline, and as reco
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.files import Document
-from atpid_common.output import finite
 from atpid_control.runs.run import Run
 from atpid_control.runs.tables import TRUTH
 from atpid_sim.outcome import NumericalFailure
@@ -114,10 +113,6 @@ class Stage:
     reproducible: bool | None = None  # whether repeated simulations agree; None: unknown
     amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
 
-    def as_dict(self) -> Document:
-        """Return plain values for JSON; NaN as None."""
-        return dict(finite(asdict(self)))
-
     @property
     def efficiency_range(self) -> tuple[float, float]:
         """Least and largest efficiency of repeated runs [-]; twice the efficiency where they agree."""
@@ -138,14 +133,6 @@ class Stage:
     def arrived(self) -> bool:
         """Whether the ceiling was where it had been commanded to; true where that is unknown."""
         return not abs(self.height - self.commanded_height) > _ARRIVED
-
-    def efficiency_text(self) -> str:
-        """Return the efficiency in per cent, as a range where repeated runs differ, a dash where it is unknown."""
-        return per_cent(self.efficiency_range)
-
-    def reduction_text(self) -> str:
-        """Return the reduction likewise."""
-        return per_cent(self.reduction_range)
 
 
 def per_cent(limits: tuple[float, float]) -> str:
