@@ -106,13 +106,11 @@ class Subject:
         usual = {part.name: part.configured() for part in (*devices_of(self.options), SUPERVISOR)}
         port = {"motor_node": {"port": self.options.port}} if self.options.port else {}
         for node, name, value in ((node, *item) for node, values in self.given.items() for item in values.items()):
-            known = usual.get(node, {}).get(name, value)
+            known, given = usual.get(node, {}).get(name, value), f"{name} of {node}"
             if type(value) is not type(known):  # rcl converts nothing: 100 is no number of type double
-                raise BenchError(
-                    f"{name} of {node}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}"
-                )
+                raise BenchError(f"{given}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}")
             if problem := _problem(node, name, value):
-                raise BenchError(f"{name} of {node}: {problem}")
+                raise BenchError(f"{given}: {problem}")
         return combined(usual, port, self.given)
 
     def settings(self, kind: type[T], node: str) -> T:

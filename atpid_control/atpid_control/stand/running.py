@@ -171,10 +171,8 @@ def run_realtime(
             if watch.elapsed != elapsed:
                 elapsed, since, allowed = watch.elapsed, time.monotonic(), _LOOP_TIMEOUT
                 progress(elapsed)
-            elif time.monotonic() - since > allowed:
-                raise BenchError(
-                    f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
-                )
+            elif (silence := time.monotonic() - since) > allowed:
+                raise BenchError(f"no estimate for {silence:.0f} s, at {elapsed:.1f} s of the run: see {logs}")
         if last.status == _FAILED:
             raise PlantFailedError(watch.failure or last.reason())
         if last.status != 0:

@@ -36,10 +36,8 @@ class Address:
     @property
     def url(self) -> str:
         """The page's address, with the token where one is needed."""
-        host = _reachable(self.host)
-        return (
-            f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{f'?token={self.token}' if self.token else ''}"
-        )
+        host, token = _reachable(self.host), f"?token={self.token}" if self.token else ""
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{token}"
 
     def may_be_named(self, host: str) -> bool:
         """Whether a request may name this host: on the loopback no other, or a page from elsewhere could reach it."""

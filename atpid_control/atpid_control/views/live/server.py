@@ -53,7 +53,9 @@ _HEADERS = {
 Answer = tuple[bool, str]
 #: Called with a request and what takes its answer, from any thread, once.
 Act = Callable[[Request, Callable[[Answer], None]], None]
-FILES = {"page.css": "text/css"} | dict.fromkeys(("page.js", "picture.js", "plots.js"), "text/javascript")
+#: Kinds of the page, of no name, and of the files it consists of.
+FILES = {"": "text/html", "page.css": "text/css"}
+FILES |= dict.fromkeys(("page.js", "picture.js", "plots.js"), "text/javascript")
 #: The library that draws the plots, as the installed package has it.
 _PLOTLY = "plotly.min.js"
 
@@ -98,7 +100,7 @@ class LiveServer:
     async def _serve(self, ready: threading.Event) -> None:
         self._ended = asyncio.Event()
         given = {"server": self}
-        routes = [(r"/", _Page, given), (r"/stream", _Stream, given), (r"/([A-Za-z.]+)", _File, given)]
+        routes = [(r"/stream", _Stream, given), (r"/([A-Za-z.]*)", _File, given)]
         settings: Document = {"websocket_ping_interval": _PING, "websocket_ping_timeout": _PING}
         settings |= {"websocket_max_message_size": LONGEST, "log_function": lambda _handler: None}
         application = tornado.web.Application(routes, **settings)
@@ -223,31 +225,22 @@ class _Guarded(tornado.web.RequestHandler):
         self.finish(f"{needs}\n" if status_code == 403 else f"{status_code}\n")
 
 
-class _Page(_Guarded):
-    """The page itself; a token in the address becomes a cookie, so that it does not stay there."""
-
-    def get(self) -> None:
-        if self.get_query_argument("token", ""):
-            self.set_cookie(_COOKIE, self.server.address.token, httponly=True, samesite="Strict", path="/")
-            self.redirect("/")
-            return
-        self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.finish((_DATA / "page.html").read_bytes())
-
-
 class _File(_Guarded):
-    """What the page consists of."""
+    """What the page consists of, and the page itself; a token in its address becomes a cookie, so as not to stay."""
 
     def get(self, name: str) -> None:
-        if name == _PLOTLY:
+        if not name and self.get_query_argument("token", ""):
+            self.set_cookie(_COOKIE, self.server.address.token, httponly=True, samesite="Strict", path="/")
+            self.redirect("/")
+        elif name == _PLOTLY:
             self.set_header("Content-Type", "text/javascript; charset=utf-8")
             self.set_header("Cache-Control", "private, max-age=86400")  # 5 MB, the same until the package changes
             self.finish(get_plotlyjs())
-            return
-        if name not in FILES:
+        elif name in FILES:
+            self.set_header("Content-Type", f"{FILES[name]}; charset=utf-8")
+            self.finish((_DATA / (name or "page.html")).read_bytes())
+        else:
             raise tornado.web.HTTPError(404)
-        self.set_header("Content-Type", f"{FILES[name]}; charset=utf-8")
-        self.finish((_DATA / name).read_bytes())
 
 
 class _Stream(_Guarded, tornado.websocket.WebSocketHandler):

@@ -60,9 +60,8 @@ def spectra(found: Analysis, modes: Sequence[float] = ()) -> Figure:
     beam = found.spectra[1]
     total = np.cumsum(beam.density[1:])
     marked = [mode for mode in modes if mode < beam.frequency[-1]]
-    end = max(
-        8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1), round(1.1 * max(marked, default=0.0) / beam.resolution)
-    )
+    half = int(np.searchsorted(total, 0.5 * total[-1])) + 1
+    end = max(8 * half, round(1.1 * max(marked, default=0.0) / beam.resolution))
     top = float(np.log10(max(float(one.density[1:].max()) for one in found.spectra)))
     names = ("force" if found.spectra[0].unit == "N" else "support", "beam")
     for one, name, colour in zip(found.spectra, names, ("@given", "@own"), strict=True):
