@@ -20,7 +20,7 @@ from atpid_common.output import finite
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs.run import Run
 from atpid_control.views.report.latency import laser_blocks, latency_of, received_of, summary_line
-from atpid_control.views.report.stages import Printed, Stage, beside, per_cent
+from atpid_control.views.report.stages import Printed, Stage, per_cent
 from atpid_control.views.report.view import View, not_arrived
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.quantities import modes_in, worse_than_without
@@ -100,7 +100,7 @@ def show(summary: Document, view: View, scene: Scene, console: Console) -> None:
         console.print(text, style=style, soft_wrap=True, markup=False, highlight=False)
 
     if view.stages:
-        console.print(stage_table(view.stages, beside(view.run, view.stages), view.run.drive.unit))
+        console.print(stage_table(view.stages, view.printed, view.run.drive.unit))
     for text in [*(f"not reached: {text}" for text in not_arrived(view)), *_made_worse(view.stages)]:
         line(text)
     line(

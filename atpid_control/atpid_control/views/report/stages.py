@@ -143,24 +143,21 @@ def per_cent(limits: tuple[float, float]) -> str:
     return f"{least} %" if least == largest else f"{least} to {largest} %"
 
 
-def measure(run: Run, closed: Array | None) -> list[Stage]:
-    """Return the stages, given the closed damper's beam (n,) [m] at the run's times."""
+def measure(run: Run, closed: Array | None) -> tuple[list[Stage], list[Interval]]:
+    """Return the stages and where each is measured, given the closed damper's beam (n,) [m] at the run's times."""
     found = intervals(run)
-    windows = [window_of(run, *interval) for interval in found]
-    again = repeated(run, windows)
-    given = true_amplitude(run)
-    return [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
+    windows = [_window_of(run, *interval) for interval in found]
+    again, (given, _) = repeated(run, windows), true_excitation(run)
+    measured = [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
+    return measured, windows
 
 
-def true_amplitude(run: Run) -> Array | None:
-    """Return the excitation's true amplitude (n,) [m or N] at the motion's times, None where it is unknown."""
-    return None if run.scene is None else _true(run, run.scene, run.scene.excitation.amplitude_points)
-
-
-def true_frequency(run: Run) -> Array | None:
-    """Return the true frequency (n,) [Hz] of a tone at the motion's times, None where it is unknown."""
-    known = run.scene is not None and run.scene.excitation.is_tone
-    return _true(run, run.scene, frequency_points(run.scene)) if known and run.scene is not None else None
+def true_excitation(run: Run) -> tuple[Array | None, Array | None]:
+    """Return true amplitude (n,) [m or N] and frequency (n,) [Hz], of a tone, at the motion's times; None: unknown."""
+    if (scene := run.scene) is None:
+        return None, None
+    amplitude = _true(run, scene, scene.excitation.amplitude_points)
+    return amplitude, _true(run, scene, frequency_points(scene)) if scene.excitation.is_tone else None
 
 
 def _true(run: Run, scene: Scene, points: Sequence[tuple[float, float]]) -> Array | None:
@@ -191,7 +188,7 @@ def constant_intervals(scene: Scene, end: float) -> list[Interval]:
     return found
 
 
-def window_of(run: Run, t0: float, t1: float) -> Interval:
+def _window_of(run: Run, t0: float, t1: float) -> Interval:
     """Return the window [s] a stage is measured in: its last 2 s; the scene's own where there is one stage only."""
     scene = run.scene
     if scene is not None and len(intervals(run)) == 1 and "steady_window" in scene.model_fields_set:
