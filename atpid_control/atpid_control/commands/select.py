@@ -48,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stiffness = f"direct only: relative error of the model's stiffness; default {_USUAL.stiffness_uncertainty}"
     add("--stiffness-uncertainty", type=real(0.0, 0.5), metavar="U", help=stiffness)
     add("--deadline", type=positive("s"), metavar="S", help="direct only: time for a margin [s]; default none")
-    add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
+    gravity = "pca only: all models without gravity (Fig. 4.43)"
+    add("--without-gravity", dest="gravity", action="store_const", const=False, help=gravity)
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
 
@@ -109,11 +110,8 @@ def _give(
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
-    given = {
-        name: getattr(args, name) for name in ("stiffness_uncertainty", "deadline") if getattr(args, name) is not None
-    }
-    if args.without_gravity:
-        given["gravity"] = False
+    options = ("stiffness_uncertainty", "deadline", "gravity")
+    given = {name: value for name in options if (value := getattr(args, name)) is not None}
     for name in given:
         if name not in TAKES.get(args.method, ()):
             taking = ", ".join(method for method, taken in TAKES.items() if name in taken)
