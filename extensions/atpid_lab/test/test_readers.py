@@ -42,8 +42,7 @@ def test_every_reader_sees_the_same(name: str, tmp_path: Path, monkeypatch: pyte
     assert set(run.missing) <= set(missing)
 
     without_repetition(monkeypatch)
-    still = "atpid_control.views.report.stages.closed_by_simulation"
-    monkeypatch.setattr(still, lambda _scene, times: np.sin(times))
+    monkeypatch.setattr("atpid_control.views.report.stages.closed_by_simulation", lambda _scene, times: np.sin(times))
     view = view_of(run)
     np.testing.assert_array_equal(run.measured.beam, beam.values)
     np.testing.assert_array_equal(run.measured.time, beam.time)
