@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How large the project is, beside the most it may be (budgets.yaml): `python tests/sizes.py`; status 1: larger.
 
-`--routes` lists the files to read before one changes a contact law, a decision, the stop path or a report (routes.yaml).
+`--routes` lists the files to read before one changes a contact law, a decision, the stop path or a report.
 """
 
 import ast
