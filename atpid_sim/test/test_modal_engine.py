@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench_motions import forced
 from scipy.integrate import solve_ivp
 from sim_refusals import refused
-from test_basin import forced
 
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing

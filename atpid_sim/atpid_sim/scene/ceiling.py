@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import PydanticKnownError
@@ -91,7 +91,7 @@ CONTROLLERS = ("lookup", "pca", "direct", "search")
 SELECTORS = "atpid.selectors"
 
 
-def _installed(name: Any) -> Any:
+def _installed(name: object) -> object:
     if name in CONTROLLERS:
         return name
     names = [*CONTROLLERS, *sorted(entry_points(group=SELECTORS).names)]

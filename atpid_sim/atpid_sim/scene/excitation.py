@@ -245,16 +245,8 @@ Excitation = Annotated[
     | Annotated[RandomExcitation, Tag("<random>")]
     | Annotated[ShockExcitation, Tag("<shock>")],
     by_key(
-        {
-            "<commanded>": ("commanded",),
-            "<free>": ("free",),
-            "<sweep>": ("sweep",),
-            "<series>": ("series",),
-            "<tones>": ("tones",),
-            "<random>": ("random",),
-            "<shock>": ("shock",),
-            "<harmonic>": ("amplitude", "frequency"),
-        },
+        {f"<{key}>": (key,) for key in ("commanded", "free", "sweep", "series", "tones", "random", "shock")}
+        | {"<harmonic>": ("amplitude", "frequency")},
         "one of {amplitude, frequency}, {commanded: true, amplitude, frequency}, {free: ...}, {sweep: ...}, "
         "{series: ...}, {tones: ...}, {random: ...}, {shock: ...}",
     ),

@@ -31,11 +31,11 @@ from atpid_design.motor import motor, peak_pressure
 from atpid_design.problem import NOMINAL, Deviation, Problem, Uncertainty, case, problem_of, scene_of
 from atpid_design.tuned_mass import TunedBeam, compare, optimised
 from atpid_design.worst_case import FrequencyPoint, Interval, Point, Structures, response_of
+from atpid_dynamics.basin import Starts, basin
 from atpid_sim.contact import tsuji
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.modal import bare_amplitude
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.basin import Starts, basin
 from atpid_sim.robust import Response, adverse, corners, inside
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.system import System, reduced_mass

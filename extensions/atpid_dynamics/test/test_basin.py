@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench_motions import forced
 from numpy.typing import NDArray
 from sim_program import main
 from sim_refusals import command_refused
 
-from atpid_sim.periodic.basin import Starts, basin, sampled
-from atpid_sim.periodic.neighbourhood import Flow, cycle_of, neighbourhoods
+from atpid_dynamics.basin import Starts, basin, sampled
+from atpid_dynamics.neighbourhood import Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions
 from atpid_sim.periodic.solve import SteadyState
 from atpid_sim.periodic.steady import steady_state
@@ -22,7 +23,7 @@ from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
-SCENES = Path(__file__).parents[2] / "scenes"
+SCENES = Path(__file__).parents[3] / "scenes"
 #: Naive steps in a period of the support.
 STEPS = 60
 
@@ -41,13 +42,6 @@ FURTHER = [
     {"mass": 1.5, "frequency": 29.0, "damping_ratio": 0.02, "drive_factor": -0.15},
     {"mass": 5.0, "frequency": 47.0, "damping_ratio": 0.02, "drive_factor": 0.1},
 ]
-
-
-def forced(scene: Scene) -> Scene:
-    """The same with the force that the support's motion exerts through spring and damper."""
-    beam, amplitude = scene.beam, scene.excitation.amplitude_points[-1][1]
-    force = amplitude * abs(complex(beam.stiffness, 2.0 * math.pi * scene.frequency_hz * beam.damping))
-    return scene.with_(drive="force", amplitude=force)
 
 
 def conditions_of(scene: Scene) -> Conditions:
