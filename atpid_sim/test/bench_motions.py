@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions of the standard bench, near the ends of runs."""
 
-import math
-
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
 from atpid_sim.periodic import Conditions, PeriodicMotion, SearchEnding, periodic_motion
-from atpid_sim.scene import Scene, standard_bench
+from atpid_sim.scene import standard_bench
 from atpid_sim.simulation.integration import Integration, Observation
 
 
@@ -29,10 +27,3 @@ def motion_of(integration: Integration, amplitude: float, height: float, periods
     assert found.ending is SearchEnding.FOUND
     assert found.motion is not None
     return found.motion
-
-
-def forced(scene: Scene) -> Scene:
-    """The same with the force that the support's motion exerts through spring and damper."""
-    beam, amplitude = scene.beam, scene.excitation.amplitude_points[-1][1]
-    force = amplitude * abs(complex(beam.stiffness, 2.0 * math.pi * scene.frequency_hz * beam.damping))
-    return scene.with_(drive="force", amplitude=force)

@@ -180,7 +180,7 @@ def laser_of(scene: Scene) -> Instrument:
     return Instrument("laser", channels, units, (first, laser), laser.rate, scene.seed, 0)
 
 
-def accelerometer_of(scene: Scene) -> Instrument | None:
+def _accelerometer_of(scene: Scene) -> Instrument | None:
     """Return the accelerometer on the beam [m/s^2], if the scene has one."""
     sensor = scene.sensors.accelerometer
     if sensor is None:
@@ -222,7 +222,7 @@ class Stream:
         """Prepare the first block; raise StreamError where the sensors' rates have no common clock."""
         self._scene, self._plant = scene, plant
         self.laser = laser_of(scene)
-        second = accelerometer_of(scene)
+        second = _accelerometer_of(scene)
         self.instruments = (self.laser, second) if second else (self.laser,)
         self.rate = common_rate([item.rate for item in self.instruments])
         self.faults: tuple[Injected, ...] = scene.injected

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench_motions import forced
 from numpy.typing import NDArray
 from sim_program import main
 from sim_refusals import command_refused
+from test_modal_engine import forced
 
 from atpid_dynamics.basin import Starts, basin, sampled
 from atpid_dynamics.neighbourhood import Flow, cycle_of, neighbourhoods
@@ -240,10 +240,8 @@ def test_every_state_of_a_neighbourhood_comes_to_its_motion(scene: Scene, fideli
     integration = Integration(scene, fidelity)
     cycle = cycle_of(integration, conditions, state)
     flow, ways = Flow(integration, conditions, cycle.phase), np.random.default_rng(7).normal(size=(400, 4))
-    place, size = (
-        neighbourhoods(flow, cycle)[0][0],
-        cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2),
-    )
+    place = neighbourhoods(flow, cycle)[0][0]
+    size = cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2)
     root = np.linalg.cholesky(place[4:20].reshape(4, 4))
     states = place[:4] + np.linalg.solve(root.T, 0.999 * (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
     assert np.abs((states - place[:4]) / size).max() > 1e-3
@@ -260,8 +258,10 @@ def test_where_the_own_run_comes_to_none_the_lowest_is_promised() -> None:
     assert 0.25 < found.share < 0.55
 
 
-def test_a_run_s_kicks_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    scene = str(SCENES / "standard.yaml")
-    assert main(["simulate", scene, "--steady", "--kick", "0.1", "--json"]) == 0
+def test_a_run_s_kicks_are_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["simulate", str(SCENES / "standard.yaml"), "--kick", "0.1"]
+    assert main([*words, "--steady", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kicked"]["share"] == 1.0
-    command_refused(capsys, ["simulate", scene, "--kick", "0.1"], 2, "--kick", "0.1", "--steady")
+    command_refused(capsys, words, 2, "--kick", "0.1", "--steady")
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: [])
+    command_refused(capsys, [*words, "--steady"], 2, "--kick", "atpid_dynamics", "not installed")
