@@ -15,7 +15,6 @@ import numpy as np
 import atpid_sim
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real
-from atpid_common.errors import not_installed
 from atpid_common.files import Document
 from atpid_common.vocabulary import Drive
 from atpid_sim.commands.options import add_accuracy
@@ -151,7 +150,8 @@ def _check_files(args: argparse.Namespace, scene: Scene) -> None:
     if args.kick is not None and not args.steady:
         raise output.OutputError(f"--kick: given {args.kick:g} without --steady, whose motion is kicked; give both")
     if args.kick is not None and not hasattr(atpid_sim, "kicked"):
-        raise output.OutputError(f"--kick: comes with {not_installed('atpid_dynamics')}")
+        missing = "which is not installed: colcon build --packages-select atpid_dynamics, or `make setup`"
+        raise output.OutputError(f"--kick: comes with the package atpid_dynamics, {missing}")
     if args.series is None and args.rate is not None:
         raise output.OutputError(f"--rate: given {args.rate:g} without --series, whose rate it is; give both")
     if args.series is not None and scene.duration * (args.rate or scene.sensors.laser.rate) > _MOST_SAMPLES:

@@ -18,7 +18,6 @@ from rich.table import Table
 import atpid_sim
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
-from atpid_common.errors import not_installed
 from atpid_common.files import FileError, read_text
 from atpid_design.make import Design, design, steps_of
 from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of, scene_of
@@ -213,7 +212,7 @@ def comes_back(made: Design) -> str:
     At each amplitude of the design, at its height. Raises NumericalFailure.
     """
     if not hasattr(atpid_sim, "kicked"):
-        return f"not tried; it takes {not_installed('atpid_dynamics')}"
+        return "not tried: comes with the package atpid_dynamics, which is not installed: `make setup`"
     scenes = [scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency)
               for one in made.points]  # fmt: skip
     found = [atpid_sim.kicked(scene, KICK) for scene in scenes]

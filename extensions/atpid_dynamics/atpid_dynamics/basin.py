@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, norm
 
 from atpid_dynamics.engine.basin_run import NOWHERE
 from atpid_dynamics.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
@@ -133,6 +132,8 @@ def sampled(came: Callable[[int], int], error: float, count: int | None = None) 
 
     came: runs so many starts in all, and returns how many of them have come.
     """
+    from scipy.stats import binomtest  # here, as below: it loads slowly, and a sweep needs none of it
+
     sizes, misses = _looks(error), [_EARLY / (_LOOKS - 1)] * (_LOOKS - 1) + [_MISSED - _EARLY]
     low, high = 0.0, 1.0
     for size, missed in zip(sizes, misses, strict=True) if count is None else [(count, _MISSED)]:
@@ -144,6 +145,8 @@ def sampled(came: Callable[[int], int], error: float, count: int | None = None) 
 
 def _looks(error: float) -> list[int]:
     """Return the numbers of starts at which the interval is looked at; the last suffices."""
+    from scipy.stats import norm
+
     last = (0.5 * norm.isf(0.5 * (_MISSED - _EARLY)) / error) ** 2 + 1.0 / error
     return [math.ceil(last / 2**k) for k in reversed(range(_LOOKS))]
 
