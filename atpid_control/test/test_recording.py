@@ -298,7 +298,7 @@ def test_metadata_that_contradicts_the_file_is_detected_and_repaired(small: Path
     assert repair(small.parent).verified.messages == BLOCKS
 
 
-@pytest.mark.parametrize("action", ["verify", "repair"])
+@pytest.mark.parametrize("action", ["check", "repair"])
 def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty").mkdir()
     text = tmp_path / "text.mcap"

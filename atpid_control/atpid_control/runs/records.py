@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.parts import SQLITE, find_parts
+from atpid_control.runs.parts import SQLITE
 
 #: Largest chunk when unpacked [bytes]; those of rosbag2 have 0.8 MB, ours 16 kB.
 LARGEST_CHUNK = 2**28
@@ -64,13 +64,6 @@ class BoundedFile:
     def seekable(self) -> bool:
         """Return True: the index can be used."""
         return True
-
-
-def bag_records(path: Path) -> Iterator[McapRecord]:
-    """Yield the records of a bag, file by file; ids are made distinct. Raises BagError: no bag, or damaged."""
-    for place, file in enumerate(find_parts(path)):
-        for record in records(file):
-            yield renumbered(record, place)
 
 
 def renumbered(record: McapRecord, place: int) -> McapRecord:
