@@ -101,13 +101,13 @@ def free_decay(beam: Array, rate: float, start: float = 0.0) -> Decay:
     return Decay(
         start, start + float(time[-1]), omega / (2.0 * math.pi), omega_std / (2.0 * math.pi), sigma / natural,
         math.hypot(omega**2 * sigma_std, sigma * omega * omega_std) / natural**3, math.hypot(found[2], found[3]),
-        float(np.sqrt(np.mean(rest**2))), ratios_of(beam - float(found[4]), math.hypot(found[2], found[3])),
+        float(np.sqrt(np.mean(rest**2))), _ratios_of(beam - float(found[4]), math.hypot(found[2], found[3])),
         (*_doubts(periods, sigma, sigma_std, float(np.sqrt(np.mean(rest**2))), math.hypot(found[2], found[3])),
          *_not_viscous(time, beam, found)),
     )  # fmt: skip
 
 
-def ratios_of(moved: Array, amplitude: float) -> Array:
+def _ratios_of(moved: Array, amplitude: float) -> Array:
     """Return the ratios of successive upper peaks (k,) [-] of a displacement from rest (n,) [m].
 
     Without the swings that the part cuts: the last, and the first where its peak, `amplitude` [m] in the fit, is before

@@ -19,7 +19,7 @@ from atpid_sim.system import Array
 #: Degree of the polynomials; lines on either side of the middle one; bands that are looked at, at most.
 _DEGREE, _SIDE, _MOST = 2, 12, 4000
 #: Complex values that a band leaves for its residual.
-FREEDOM = 2 * _SIDE + 1 - (3 * _DEGREE + 2)
+_FREEDOM = 2 * _SIDE + 1 - (3 * _DEGREE + 2)
 #: Likeness of the spectra of the strongest quarter and the others, and share of its power they have, below which an
 #: excitation passes once [-].
 _LIKE, _AT_REST = 0.3, 1e-3
@@ -39,7 +39,7 @@ def passes_once(excitation: Array) -> bool:
     return like < _LIKE or float(others.sum()) < _AT_REST * float(one.sum())
 
 
-def local_response(
+def _local_response(
     excitation: Array, response: Array, rate: float, excited_from: float
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return frequencies (k,) [Hz], response, its relative standard deviation, coherence, and density of excitation.
@@ -78,7 +78,7 @@ _EXCITED = 1e-4
 #: The same of a sweep, and the standard deviation up to which a line of it is trusted [-].
 _SWEPT, _KNOWN = 1e-2, 0.1
 #: Coherence from which a line is trusted, and averages below which coherence means nothing.
-COHERENT, FEWEST_AVERAGES = 0.8, 3.0
+_COHERENT, _FEWEST_AVERAGES = 0.8, 3.0
 #: Lines within the half-power width that a peak needs not to be flattened.
 _LINES = 4
 #: Difference of H2 and H1 at the largest response from which it is named [-].
@@ -114,7 +114,7 @@ class FrequencyResponse:
     def trusted(self) -> NDArray[np.bool_]:
         """Lines (k,) that are excited and coherent, of enough averages."""
         known = True if self.local is None else self.local <= _KNOWN
-        return np.asarray(self.excited & (self.coherence >= COHERENT) & (self.averages >= FEWEST_AVERAGES) & known)
+        return np.asarray(self.excited & (self.coherence >= _COHERENT) & (self.averages >= _FEWEST_AVERAGES) & known)
 
     @property
     def relative_std(self) -> Array:
@@ -127,7 +127,7 @@ class FrequencyResponse:
         student = 1.0 + _STUDENT / (2.0 * self.averages - 2.0) if self.averages > 1.0 else np.nan
         if self.local is not None:
             return np.asarray(student * self.local)
-        if self.averages < FEWEST_AVERAGES:
+        if self.averages < _FEWEST_AVERAGES:
             return np.full(len(self.frequency), np.nan)
         known = np.maximum(self.coherence, 1e-12)
         chance = (1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)
@@ -153,13 +153,13 @@ class FrequencyResponse:
         if self.clock_error:  # NaN, too
             lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
                          "signal with both")  # fmt: skip
-        if self.averages < FEWEST_AVERAGES:
+        if self.averages < _FEWEST_AVERAGES:
             lines.append(
-                f"{self.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
+                f"{self.averages:.3g} averages: coherence and error bars mean nothing; needed: {_FEWEST_AVERAGES:g}"
             )
-        low = int(np.count_nonzero(self.excited & (self.coherence < COHERENT)))
+        low = int(np.count_nonzero(self.excited & (self.coherence < _COHERENT)))
         if low:
-            lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(self.excited)} excited lines: "
+            lines.append(f"coherence below {_COHERENT:g} at {low} of {np.count_nonzero(self.excited)} excited lines: "
                          "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
         place = self.strongest
         apart = float(abs(self.h2[place]) / abs(self.h1[place])) - 1.0
@@ -169,7 +169,7 @@ class FrequencyResponse:
         if self.tone:
             lines.append(f"only {np.count_nonzero(self.excited)} lines are excited, a tone: the response holds there; "
                          "a sweep or noise shows a resonance")  # fmt: skip
-        elif self.local is None and (width := half_power_width(self) or _LINES) < _LINES:
+        elif self.local is None and (width := _half_power_width(self) or _LINES) < _LINES:
             lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
         if self.left_out:
             lines.append(f"{self.left_out} samples beside the longest part without a gap are not in the response")
@@ -185,9 +185,9 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     parts = runs(np.isfinite(signals.excitation + signals.response))
     begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
     given, answer = (one[begin:end] for one in (signals.excitation, signals.response))
-    moves = end - begin > _TONE * FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
+    moves = end - begin > _TONE * _FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
     if moves and (window == "local" or (not window and not resolution and passes_once(given))):
-        return _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
+        return _swept(signals, *_local_response(given, answer, signals.rate, _SWEPT), end - begin)
     window = window if window not in ("", "local") else "hann"
     found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)
     inside = found.frequency > 0.0
@@ -215,7 +215,7 @@ def _swept(
             "the excitation passes once, too short for a response; give --window hann, or a longer part"
         )
     (turned,), none = _in_time(signals, lines, h), np.zeros(len(lines))
-    return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), FREEDOM + 1.0, none,
+    return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), _FREEDOM + 1.0, none,
                              int(np.argmax(density)), deviation, signals.clock_error,
                              len(signals.response) - used)  # fmt: skip
 
@@ -239,7 +239,7 @@ def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
     return shift
 
 
-def half_power_width(found: FrequencyResponse) -> int | None:
+def _half_power_width(found: FrequencyResponse) -> int | None:
     """Return the lines around the strongest at which |H1| is above 1/sqrt(2) of it; None where the edge is reached."""
     size, place = np.where(found.excited, np.abs(found.h1), np.nan), found.strongest
     below = np.flatnonzero(~(size > size[place] / np.sqrt(2.0)) & np.isfinite(size))

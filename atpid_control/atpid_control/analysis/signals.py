@@ -87,7 +87,7 @@ def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 
 #: Unit of what is integrated, and of the result.
-ACCELERATION, DISPLACEMENT = "m/s^2", "m"
+_ACCELERATION, _DISPLACEMENT = "m/s^2", "m"
 #: Periods of the corner that are left out at both ends, and share of the motion up to which drift is accepted [-].
 _ENDS, _DRIFT = 2.0, 0.2
 
@@ -134,11 +134,11 @@ def integrated(signals: Signals, corner: float) -> tuple[Signals, list[str]]:
     """Return signals with their accelerations as displacements, and the drift of each, a line. Raises AnalysisError."""
     columns, units, lines = [signals.excitation, signals.response], list(signals.units), []
     for place, name in enumerate(signals.names):
-        if units[place] == ACCELERATION:
+        if units[place] == _ACCELERATION:
             columns[place], drift = displacement_of(columns[place], signals.rate, corner)
-            units[place] = DISPLACEMENT
+            units[place] = _DISPLACEMENT
             lines.append(f"{name}: integrated twice above {corner:g} Hz, whole from {2.0 * corner:g} Hz on; drift "
                          f"{drift:.2g} m root mean square")  # fmt: skip
     if not lines:
-        raise AnalysisError(f"--integrate: given channels in {' and '.join(units)}; allowed: one in {ACCELERATION}")
+        raise AnalysisError(f"--integrate: given channels in {' and '.join(units)}; allowed: one in {_ACCELERATION}")
     return replace(signals, excitation=columns[0], response=columns[1], units=(units[0], units[1])), lines

@@ -21,10 +21,10 @@ from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, bl
 from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
 
 #: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
-HOLD_BACK_NS = 500_000_000
+_HOLD_BACK_NS = 500_000_000
 
 
-class UnorderedMessage(NamedTuple):
+class _UnorderedMessage(NamedTuple):
     """A message that waits for its place; compares by stamp, topic, sender and arrival."""
 
     stamp_ns: int
@@ -42,12 +42,12 @@ class StampOrder:
     is ready when every topic of the loop has passed its stamp by the hold-back.
     """
 
-    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
+    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = _HOLD_BACK_NS) -> None:
         """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
         self._ranks = {topic: rank for rank, topic in enumerate(topics)}
         self._loop, self._hold_back = loop, hold_back_ns
         self._newest: dict[str, int] = {}
-        self._held: list[UnorderedMessage] = []
+        self._held: list[_UnorderedMessage] = []
         self._arrivals = count()
 
     def __len__(self) -> int:
@@ -56,12 +56,12 @@ class StampOrder:
     def add(self, topic: str, stamp_ns: int, node: str, data: bytes) -> None:
         """Take one message."""
         heapq.heappush(
-            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
+            self._held, _UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
         )
         if topic in self._loop:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
 
-    def ready(self) -> Iterator[UnorderedMessage]:
+    def ready(self) -> Iterator[_UnorderedMessage]:
         """Yield, in order, the messages that no later one can precede."""
         if not self._newest:
             return
@@ -69,22 +69,22 @@ class StampOrder:
         while self._held and self._held[0].stamp_ns < limit:
             yield heapq.heappop(self._held)
 
-    def rest(self) -> Iterator[UnorderedMessage]:
+    def rest(self) -> Iterator[_UnorderedMessage]:
         """Yield all that is left, in order: the run is over."""
         while self._held:
             yield heapq.heappop(self._held)
 
 
-Offered = Callable[[str], tuple[Qos, ...]]
+_Offered = Callable[[str], tuple[Qos, ...]]
 
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
-TIMEOUT = 2.0
+_TIMEOUT = 2.0
 
 
 @dataclass
-class Continuity:
+class _Continuity:
     """The scans of one stream; each block has to begin at the sample index where the one before ended."""
 
     next_index: int | None = None
@@ -114,7 +114,7 @@ class RecordingSession:
     """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
 
     def __init__(
-        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
+        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: _Offered,
         writing: Writing | None = None, sink: Callable[[Path], Sink] = Sink,
     ) -> None:  # fmt: skip
         """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
@@ -122,7 +122,7 @@ class RecordingSession:
         self.topics = {topic.name: topic for topic in topics}
         self.received = dict.fromkeys(self.topics, 0)
         self.written = dict.fromkeys(self.topics, 0)
-        self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
+        self.continuity = {topic.name: _Continuity() for topic in topics if topic.type == BLOCK}
         self._lockstep, self._offered = lockstep, offered
         self.order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
@@ -131,7 +131,7 @@ class RecordingSession:
         self._finished = False
         self._end_ns: int | None = None  # of the run, or of what a trigger records
         self.waiting = PreTrigger(writing.trigger, topics) if writing.trigger else None
-        self._recorded = {name: Continuity() for name in self.continuity}  # scans written, after a trigger
+        self._recorded = {name: _Continuity() for name in self.continuity}  # scans written, after a trigger
         self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
         self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
                                 split=writing.split)  # fmt: skip
@@ -218,7 +218,7 @@ class RecordingSession:
         """Whether the run has finished and every topic that took part has reached its end, or is silent."""
         if self._end_ns is None or not self.recording:
             return False
-        return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
+        return not self.missing_topics() or time.monotonic() - self._progress > _TIMEOUT
 
     def result(self) -> dict[str, str]:
         """Return the results, as the bag stores them: durations [s], real-time factor, scans lost."""

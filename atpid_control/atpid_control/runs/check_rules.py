@@ -17,9 +17,9 @@ KEPT = 20
 #: Blocks an answer may be recorded before or after its block: one minute at 20 a second.
 REACH = 1200
 #: Rounding of a height: it is a whole number of micrometres on the wire [m].
-RESOLUTION = 2e-6
+_RESOLUTION = 2e-6
 #: By how much the instant at which a real device has read its height may be wrong [s].
-JITTER = 0.02
+_JITTER = 0.02
 
 
 class Findings:
@@ -166,8 +166,8 @@ class AllowedCeiling:
 
     def outside(self, heights: Iterable[float], beyond: float = 0.0) -> bool:
         """Whether one of the heights [m] is below the lowest, or more than `beyond` above the highest; NaN is not."""
-        highest = self.highest + beyond + RESOLUTION
-        return any(height < self.lowest - RESOLUTION or height > highest for height in heights)
+        highest = self.highest + beyond + _RESOLUTION
+        return any(height < self.lowest - _RESOLUTION or height > highest for height in heights)
 
 
 class CeilingWithinLimits:
@@ -181,7 +181,7 @@ class CeilingWithinLimits:
         # a motor that cannot be switched off
         self._beyond = TO_THE_SWITCH if any(fault.part in CEILING for fault in injected) else 0.0
         #: In lockstep the stamp is the instant itself.
-        self.jitter = 0.0 if lockstep else JITTER
+        self.jitter = 0.0 if lockstep else _JITTER
         self.low, self.high = math.inf, -math.inf  # of what was reported or simulated [m]
         self.begin = 0.0  # of the run, on its clock [s]
         self._state: tuple[int, float] | None = None
@@ -194,7 +194,7 @@ class CeilingWithinLimits:
 
     def state(self, stamp_ns: int, height: float, target: float, findings: Findings) -> None:
         """Take a reported height and target [m]; NaN: unknown."""
-        late = 2.0 * JITTER  # of a report after what it reports
+        late = 2.0 * _JITTER  # of a report after what it reports
         at = stamp_ns * 1e-9 - self.begin
         if self._clock or any(fault.begin <= at <= fault.end + late for fault in self._sensor):
             self._state = None  # none of the ceiling: its sensor failed on purpose, or the clock that stamps it
@@ -211,7 +211,7 @@ class CeilingWithinLimits:
         if before is None or stamp_ns <= before[0]:
             return
         path, time = abs(height - before[1]), (stamp_ns - before[0]) * 1e-9
-        if path > self.limits.speed * (time + self.jitter) + 2.0 * RESOLUTION:
+        if path > self.limits.speed * (time + self.jitter) + 2.0 * _RESOLUTION:
             findings.add(
                 "speed",
                 f"the ceiling went {path:.6f} m in {time:.4f} s before {seconds(stamp_ns)}; "

@@ -143,7 +143,7 @@ class TopicSummary:
 
 
 @dataclass
-class FileSummary:
+class _FileSummary:
     """One file of a bag."""
 
     name: str
@@ -172,12 +172,12 @@ class BagSummary:
     def __init__(self, file_name: str) -> None:
         """Begin with the first file."""
         self.topics: dict[str, TopicSummary] = {}
-        self.files = [FileSummary(file_name)]
-        self.whole = FileSummary("")
+        self.files = [_FileSummary(file_name)]
+        self.whole = _FileSummary("")
 
     def begin_file(self, name: str) -> None:
         """Count what follows as contents of another file."""
-        self.files.append(FileSummary(name))
+        self.files.append(_FileSummary(name))
 
     def add(self, topic: str, log_ns: int) -> None:
         """Count one message."""
@@ -186,7 +186,7 @@ class BagSummary:
         self.files[-1].add(log_ns)
 
 
-def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
+def _mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     whole = summary.whole.times()
     topics = [
@@ -224,7 +224,7 @@ def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
     path, partial = folder / FILE_NAME, folder / f".{FILE_NAME}.partial"
     try:
         with partial.open("w", encoding="utf-8") as stream:
-            yaml.safe_dump(mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
+            yaml.safe_dump(_mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
             stream.flush()
             os.fsync(stream.fileno())
         partial.replace(path)

@@ -15,7 +15,7 @@ MAGIC = b"\x89MCAP0\r\n"
 #: What a database begins with, and what rosbag2's ends with.
 SQLITE, SQLITE_ENDING = b"SQLite format 3\0", ".db3"
 #: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB, each file of a split bag adds 0.2 kB.
-MOST_METADATA = 2_000_000
+_MOST_METADATA = 2_000_000
 _NUMBER = re.compile(r"_(\d{1,9})\.(?:mcap|db3)$")
 
 
@@ -83,7 +83,7 @@ def read_metadata(folder: Path) -> Any:
     if not path.is_file():
         raise BagError(f"{folder}: {metadata.FILE_NAME} is missing, so the recording was not closed; {recover}")
     try:
-        return parse_yaml(read_text(path, MOST_METADATA))["rosbag2_bagfile_information"]
+        return parse_yaml(read_text(path, _MOST_METADATA))["rosbag2_bagfile_information"]
     except (FileError, LookupError, TypeError):
         raise BagError(f"{path}: not what rosbag2 writes; {recover}") from None
 

@@ -127,7 +127,7 @@ def _last_sample(data: bytes) -> int | None:
 
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
-COMPARED = {
+_COMPARED = {
     "Excitation": ("quality", "amplitude", "frequency"),
     "CeilingCommand": ("sequence", "height", "excitation_amplitude", "method"),
 }
@@ -152,7 +152,7 @@ class ReplayAgreement:
 def compare(recorded: Run, replayed: Run) -> list[ReplayAgreement]:
     """Return the agreement of every topic with estimates or commands; messages belong together by their stamps."""
     agreements = []
-    for kind, names in COMPARED.items():
+    for kind, names in _COMPARED.items():
         answers = {stamp: row for _, rows in _rows(replayed, kind, names) for stamp, row in rows}
         for topic, rows in _rows(recorded, kind, names):
             start = min((stamp for stamp, _ in rows), default=0)
@@ -188,7 +188,7 @@ def _equal(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-SUPPORT_FILE = "support.csv"
+_SUPPORT_FILE = "support.csv"
 
 
 def support_series(run: Run, begin: float = 0.0, end: float = math.inf) -> tuple[Array, Array]:
@@ -214,7 +214,7 @@ def support_series(run: Run, begin: float = 0.0, end: float = math.inf) -> tuple
 
 def write_support(run: Run, folder: Path, begin: float = 0.0, end: float = math.inf) -> str:
     """Write the series as `folder`/support.csv and return a line about it. Raises BagError."""
-    path = folder / SUPPORT_FILE
+    path = folder / _SUPPORT_FILE
     if path.exists():
         raise BagError(f"{path}: exists already and is not written over; give another folder with --out")
     times, values = support_series(run, begin, end)

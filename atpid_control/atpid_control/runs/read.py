@@ -179,7 +179,7 @@ MOST_HELD = int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 @dataclass(frozen=True, slots=True)
-class Raw:
+class _Raw:
     """One message as it is in the file."""
 
     topic: str
@@ -195,11 +195,11 @@ class Bag(Contents):
     def __init__(self, path: Path | str, torn_ok: bool = False) -> None:
         """Find the files; `open_bag` fills it. Raises BagError."""
         super().__init__(path, torn_ok)
-        self.raw: list[Raw] = []
+        self.raw: list[_Raw] = []
         #: Messages that cannot be used, which readers do not get: why, by topic and place in `raw`.
         self.left_out: dict[str, dict[int, str]] = {}
 
-    def decode(self, raw: Raw) -> Any:
+    def decode(self, raw: _Raw) -> Any:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
         return self.decoder.decode(raw.schema, raw.data)
 
@@ -241,7 +241,7 @@ def open_bag(path: Path | str, *, messages: bool = True, torn_ok: bool = False) 
     for channel, record in bag.records():
         if messages:
             times = record.log_time, record.publish_time
-            bag.raw.append(Raw(channel.topic, *times, record.data, channel.schema_id))
+            bag.raw.append(_Raw(channel.topic, *times, record.data, channel.schema_id))
             held = within_memory(bag.path, held + len(record.data) + _RAW)
     bag.raw.sort(key=lambda raw: raw.log_ns)
     return bag

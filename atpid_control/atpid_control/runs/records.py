@@ -92,7 +92,7 @@ def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
     with file.open("rb") as stream:
         in_sqlite = stream.read(len(SQLITE)) == SQLITE
         try:
-            yield from plain(sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok))
+            yield from plain(_sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok))
         except GeneratorExit:
             raise
         except Exception as error:  # the library raises many types of errors for damaged bytes
@@ -109,12 +109,12 @@ def _records(stream: BoundedFile, torn_ok: bool) -> Iterator[McapRecord]:
         if isinstance(record, Chunk):
             yield from inside(unpacked(record))
             continue
-        if isinstance(record, Attachment) and not attachment_whole(stream, record):
+        if isinstance(record, Attachment) and not _attachment_whole(stream, record):
             if torn_ok:
                 continue
             raise ValueError(f"the attachment {record.name} is damaged")
         if isinstance(record, Footer) and not torn_ok:
-            check_summary(stream, record)
+            _check_summary(stream, record)
         yield record
 
 
@@ -179,7 +179,7 @@ def _exactly(stream: ReadDataStream, length: int) -> bytes:
     return data
 
 
-def attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
+def _attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
     """Whether the checksum that ends an attachment, which has just been read, is that of its contents; 0: has none."""
     stream.seek(-_CRC_SIZE, 1)
     stored, written = stream.read(_CRC_SIZE), RecordBuilder()
@@ -188,7 +188,7 @@ def attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
     return stored in (bytes(_CRC_SIZE), computed)
 
 
-def check_summary(stream: BoundedFile, footer: Footer) -> None:
+def _check_summary(stream: BoundedFile, footer: Footer) -> None:
     """Raise ValueError where the checksum of index and footer, which has just been read, is not theirs; 0: has none."""
     end = stream.tell()
     begin = footer.summary_start or end - _FOOTER_SIZE
@@ -202,7 +202,7 @@ def check_summary(stream: BoundedFile, footer: Footer) -> None:
 NO_RECOVERY = "`.recover` of the program sqlite3 saves what is whole"
 
 
-def sqlite_records(file: Path) -> Iterator[McapRecord]:
+def _sqlite_records(file: Path) -> Iterator[McapRecord]:
     """Yield the topics of a file and their messages in the order of their times. Raises sqlite3.Error: damaged."""
     with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
         database.row_factory = sqlite3.Row
@@ -221,7 +221,7 @@ def sqlite_records(file: Path) -> Iterator[McapRecord]:
                 schemas[kind] = len(schemas) + 1
                 encoding, definition = kept.get(kind) or ("", "")
                 if not definition:
-                    definition = definition_elsewhere(kind)
+                    definition = _definition_elsewhere(kind)
                     encoding = "ros2msg" if definition else "none"
                 yield Schema(id=schemas[kind], name=kind, encoding=encoding, data=definition.encode())
             known = {"topic_type_hash": dict(topic).get("type_description_hash", "")}  # an older bag has none
@@ -236,7 +236,7 @@ def sqlite_records(file: Path) -> Iterator[McapRecord]:
     yield Footer(summary_start=0, summary_offset_start=0, summary_crc=0)
 
 
-def definition_elsewhere(kind: str) -> str:
+def _definition_elsewhere(kind: str) -> str:
     """Return the definition of a message type that an older bag does not keep: as installed, else as in ROS 2 Jazzy.
 
     Empty where neither has it; its topics are then left out, and named so.

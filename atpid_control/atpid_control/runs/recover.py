@@ -32,7 +32,7 @@ from atpid_control.runs.verify import Pass, Verified, salvaged, verify, written
 from atpid_control.runs.writer import CHUNK, LIBRARY, SpooledIndex, check_new
 
 #: Name of the metadata record that states what was lost.
-RECOVERED = "atpid_recovered"
+_RECOVERED = "atpid_recovered"
 #: Characters of the losses that are kept in the bag itself.
 _MOST_STATED = 10_000
 _MOST_QOS = 200_000
@@ -167,7 +167,7 @@ class _Copy:
                 writer.start(profile="ros2", library=LIBRARY)
             if last:
                 stated = {"reason": self._reason[:_MOST_STATED], "damaged": "; ".join(self._lines)[:_MOST_STATED]}
-                writer.add_metadata(RECOVERED, stated)
+                writer.add_metadata(_RECOVERED, stated)
             writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()
             os.fsync(stream.fileno())

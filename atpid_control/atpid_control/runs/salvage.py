@@ -146,7 +146,7 @@ class _Walk:
                 raise ValueError("the index of a chunk's messages has a wrong length")
             return
         data = self._content(place, length)
-        record = parsed(opcode, data)
+        record = _parsed(opcode, data)
         if isinstance(record, Attachment):
             stored = int.from_bytes(data[-_CRC_SIZE:], "little")
             if stored not in (0, zlib.crc32(data[:-_CRC_SIZE])):
@@ -220,7 +220,7 @@ def _index(data: bytes) -> tuple[list[McapRecord], list[int]]:
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
         if opcode in _KINDS:
-            record = parsed(opcode, data[at : at + length])
+            record = _parsed(opcode, data[at : at + length])
             if isinstance(record, ChunkIndex):
                 places.append(record.chunk_start_offset)
             elif isinstance(record, (AttachmentIndex, MetadataIndex)):
@@ -231,7 +231,7 @@ def _index(data: bytes) -> tuple[list[McapRecord], list[int]]:
     return found, sorted(places)
 
 
-def parsed(opcode: int, data: bytes) -> McapRecord:
+def _parsed(opcode: int, data: bytes) -> McapRecord:
     """Return the record that `data` holds; raise an error where they are not of its kind."""
     content = ReadDataStream(BoundedFile(BytesIO(data)))  # type: ignore[arg-type]
     if opcode == Opcode.MESSAGE:

@@ -43,7 +43,7 @@ _TOLERANCE = 1_000_000_000
 
 
 @dataclass
-class Segment:
+class _Segment:
     """Blocks whose indices go on."""
 
     number: int  # from 0 on, in its topic
@@ -83,11 +83,11 @@ class Segments:
 
     def __init__(self, start_ns: int = 0) -> None:
         """Begin; `start_ns` is the stamp of the bag's first sample."""
-        self.all: list[Segment] = []
+        self.all: list[_Segment] = []
         self._start_ns = start_ns
-        self._last: Segment | None = None  # that has the block before
+        self._last: _Segment | None = None  # that has the block before
 
-    def place(self, block: Any) -> Segment | str:
+    def place(self, block: Any) -> _Segment | str:
         """Return the segment of a block that `message_checks` lets pass, or why it has none."""
         first, scans, stamp = int(block.first_index), scans_of(block), stamp_of(block)
         named = (tuple(getattr(block, name, ())) for name in ("channels", "units", "skew"))
@@ -102,7 +102,7 @@ class Segments:
                 return f"a block goes back to index {first} after {before.following - 1}"
             if len(self.all) == _MOST:
                 return f"its index jumps for the {_MOST}th time"
-            segment = Segment(len(self.all), layout, first, stamp, self._offset(stamp), first, stamp)
+            segment = _Segment(len(self.all), layout, first, stamp, self._offset(stamp), first, stamp)
             if before is not None:
                 segment.jump = f"its index goes from {before.following - 1} to {first}, at {segment.rate:g} Hz"
             self.all.append(segment)

@@ -17,12 +17,12 @@ from atpid_control.runs.decode import Decoder, message_type
 from atpid_control.runs.errors import BagError, MessageError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
-EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
-LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
-SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
-EXCITED_BY, EXCITER = "atpid_interfaces/msg/ExcitationCommand", "atpid_interfaces/msg/ExcitationState"
+EVENT, _DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
+_LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
+_SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
+_EXCITED_BY, _EXCITER = "atpid_interfaces/msg/ExcitationCommand", "atpid_interfaces/msg/ExcitationState"
 #: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
-BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION, SUPERVISOR)
+_BY_CLOCK = (_DIAGNOSTICS, _LOG, TRANSITION, _SUPERVISOR)
 #: Everything the graph publishes, in the order in which messages of one stamp are written.
 DEFAULT = (
     f"sensors/laser {BLOCK}",
@@ -31,12 +31,12 @@ DEFAULT = (
     "excitation atpid_interfaces/msg/Excitation",
     "ceiling/command atpid_interfaces/msg/CeilingCommand",
     "ceiling/state atpid_interfaces/msg/CeilingState",
-    f"excitation/command {EXCITED_BY}",
-    f"excitation/state {EXCITER}",
+    f"excitation/command {_EXCITED_BY}",
+    f"excitation/state {_EXCITER}",
     f"events {EVENT} transient_local",
-    f"/diagnostics {DIAGNOSTICS}",
-    f"/rosout {LOG} transient_local",
-    f"supervisor/state {SUPERVISOR}",
+    f"/diagnostics {_DIAGNOSTICS}",
+    f"/rosout {_LOG} transient_local",
+    f"supervisor/state {_SUPERVISOR}",
     f"motor_node/transition_event {TRANSITION}",
     f"excitation_node/transition_event {TRANSITION}",
     f"labjack_node/transition_event {TRANSITION}",
@@ -67,7 +67,7 @@ class Topic:
     @property
     def in_loop(self) -> bool:
         """Whether it carries every stamp of a run, unlike an operator's commands, events, diagnostics and the log."""
-        beside = (EVENT, SUPERVISOR, EXCITED_BY, EXCITER)
+        beside = (EVENT, _SUPERVISOR, _EXCITED_BY, _EXCITER)
         return self.type.startswith("atpid_interfaces/") and self.type not in beside
 
 
@@ -86,7 +86,7 @@ def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
                 f"parameter topics: {problem}; allowed: 'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
             )
         message_type(kind)
-        if not (lockstep and kind in BY_CLOCK):
+        if not (lockstep and kind in _BY_CLOCK):
             topics[name] = Topic(name, kind, "best_effort" in options, "transient_local" in options)
     return list(topics.values())
 
@@ -95,7 +95,7 @@ _STAMP = struct.Struct("<iI")
 _LITTLE_ENDIAN = 1
 
 
-class Sent(NamedTuple):
+class _Sent(NamedTuple):
     """What kind of Event it is, and the node that published it."""
 
     kind: str
@@ -133,10 +133,10 @@ def truth_shape(data: bytes) -> BlockShape:
     return BlockShape(truth.first_index, truth.rate, len(truth.support))
 
 
-def event(data: bytes) -> Sent:
+def event(data: bytes) -> _Sent:
     """Return kind and node of an atpid_interfaces/msg/Event; raise MessageError for an invalid one."""
     decoded = _decoded(EVENT, data)
-    return Sent(str(decoded.kind), str(decoded.node))
+    return _Sent(str(decoded.kind), str(decoded.node))
 
 
 def _decoded(kind: str, data: bytes) -> Any:

@@ -24,7 +24,7 @@ from atpid_control.runs.salvage import Damage, salvage
 from atpid_control.runs.writer import LIBRARY
 
 #: Losses of one topic, and damaged parts of a file, that are listed; the others are counted.
-LISTED = 20
+_LISTED = 20
 
 
 @dataclass
@@ -41,7 +41,7 @@ class _Stream:
 
     def add_gap(self, line: str) -> None:
         self.gaps += 1
-        if len(self.lines) < LISTED:
+        if len(self.lines) < _LISTED:
             self.lines.append(line)
 
 
@@ -236,13 +236,13 @@ def salvaged(file: Path, lines: list[str]) -> Iterator[McapRecord]:
                 yield record
                 continue
             left_out += 1
-            if left_out <= LISTED:
+            if left_out <= _LISTED:
                 size = f", bytes {record.begin} to {record.end - 1}" if record.end > record.begin else ""
                 lines.append(f"{file.name}{size}: {record.why}")
     except OSError as error:
         raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
-    if left_out > LISTED:
-        lines.append(f"{file.name}: and {left_out - LISTED} more damaged parts")
+    if left_out > _LISTED:
+        lines.append(f"{file.name}: and {left_out - _LISTED} more damaged parts")
 
 
 def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:

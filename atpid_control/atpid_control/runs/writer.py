@@ -100,7 +100,7 @@ def check_new(folder: Path) -> None:
         )
 
 
-def write_all(file: int, data: bytes) -> None:
+def _write_all(file: int, data: bytes) -> None:
     """Write all of `data` to an open file; raise OSError where it cannot be written."""
     rest = memoryview(data)
     while rest:
@@ -122,7 +122,7 @@ class Sink:
         return len(data)
 
     def _append(self, data: bytes) -> None:
-        write_all(self._file, data)
+        _write_all(self._file, data)
 
     def tell(self) -> int:
         """Return the number of bytes written so far."""
@@ -167,7 +167,7 @@ class SpooledIndex:
         """Take the index of one more chunk. Raises OSError."""
         builder = RecordBuilder()
         index.write(builder)
-        write_all(self._file, builder.end())  # type: ignore[no-untyped-call]
+        _write_all(self._file, builder.end())  # type: ignore[no-untyped-call]
 
     def __iter__(self) -> Iterator[SpooledIndex]:
         yield self
