@@ -4,10 +4,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_common.output import finite
 from atpid_control.analysis.decrement import Decay, find_decay, free_decay
 from atpid_control.analysis.frequency_response import FrequencyResponse, frequency_response
@@ -39,7 +40,7 @@ class Analysis:
                          "is computed over their gaps")  # fmt: skip
         return lines
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return numbers and curves as plain values, SI units; NaN as None."""
         return dict(finite({
             "names": list(self.signals.names), "units": list(self.signals.units), "origin": self.signals.origin,
@@ -49,7 +50,7 @@ class Analysis:
             "orders": self._orders(), "doubts": self.doubts, "skipped": self.skipped,
         }))  # fmt: skip
 
-    def _spectra(self) -> dict[str, Any]:
+    def _spectra(self) -> Document:
         one, other = self.spectra
         return {
             "resolution": one.resolution, "averages": one.averages, "enbw": one.enbw, "rms": [one.rms, other.rms],
@@ -57,7 +58,7 @@ class Analysis:
             "response_density": other.density.tolist(),
         }  # fmt: skip
 
-    def _response(self) -> dict[str, Any] | None:
+    def _response(self) -> Document | None:
         found = self.response
         if found is None:
             return None
@@ -76,7 +77,7 @@ class Analysis:
             "relative_std": found.relative_std.tolist(), "trusted": found.trusted.tolist(),
         }  # fmt: skip
 
-    def _decay(self) -> dict[str, Any] | None:
+    def _decay(self) -> Document | None:
         found = self.decay
         if found is None:
             return None
@@ -84,7 +85,7 @@ class Analysis:
                  "log_decrement_std", "amplitude", "residual")  # fmt: skip
         return {name: getattr(found, name) for name in names} | {"ratios": found.ratios.tolist()}
 
-    def _orders(self) -> dict[str, Any] | None:
+    def _orders(self) -> Document | None:
         found = self.orders
         if found is None:
             return None

@@ -5,13 +5,14 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_sim.system import Array
 
+_Places = NDArray[np.intp]
 #: Periods that the fit needs; change of amplitude within the part from which it is named [-].
 FEWEST, _CHANGE = 5.0, 0.05
 #: Periods of a window in which the excitation's amplitude is followed, and by how much it may differ [-].
@@ -122,7 +123,7 @@ def tone_of(values: Array, rate: float) -> float:
     omega = (place + math.copysign(max(0.0, 2.0 * share - 1.0) / (share + 1.0), above - 0.5)) * step
     sine = cosine = 0.0
 
-    def columns(piece: Any) -> Array:
+    def columns(piece: _Places) -> Array:
         turns = omega * time[piece]
         waves = np.sin(turns), np.cos(turns)
         ahead = (sine * waves[1] - cosine * waves[0]) / (math.hypot(sine, cosine) or 1.0)
@@ -145,7 +146,7 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
     valid = np.flatnonzero(np.isfinite(values))
     pieces = _pieces(valid)
 
-    def columns(piece: Any) -> Array:
+    def columns(piece: _Places) -> Array:
         turns = 2.0 * math.pi * frequency * np.outer(time[piece], np.arange(1, count + 1))
         return np.column_stack([np.ones(len(turns)), np.sin(turns), np.cos(turns)])
 
@@ -154,7 +155,7 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
     return solved[1 : 1 + count] + 1j * solved[1 + count :], math.sqrt(power / used), used, float(solved[0])
 
 
-def _solved(pieces: list[Any], values: Array, columns: Callable[[Any], Array]) -> tuple[Array, float]:
+def _solved(pieces: list[_Places], values: Array, columns: Callable[[_Places], Array]) -> tuple[Array, float]:
     """Return the coefficients of the columns, and the residual's sum of squares."""
     sums = [(made.T @ made, made.T @ values[piece]) for piece in pieces for made in (columns(piece),)]
     gram, joint = (sum(each) for each in zip(*sums, strict=True))
@@ -162,7 +163,7 @@ def _solved(pieces: list[Any], values: Array, columns: Callable[[Any], Array]) -
     return solved, sum(float(np.sum((values[piece] - columns(piece) @ solved) ** 2)) for piece in pieces)
 
 
-def _pieces(valid: Any) -> list[Any]:
+def _pieces(valid: _Places) -> list[_Places]:
     return [valid[first : first + _PIECE] for first in range(0, len(valid), _PIECE)]
 
 

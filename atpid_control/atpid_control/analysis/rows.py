@@ -2,16 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The results of an analysis: rows of a table in words, for terminal and report, and the panels of its picture."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from atpid_control.analysis.analyse import Analysis
 from atpid_control.analysis.frequency_response import FrequencyResponse
 from atpid_sim.figure_style import LIGHT, Panels, logarithmic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -103,7 +108,7 @@ def panels(found: Analysis) -> Panels:
     return [[traces, densities], [sizes, phases], [coherence, end]]
 
 
-def _traces(ax: Any, found: Analysis) -> None:
+def _traces(ax: Axes, found: Analysis) -> None:
     signals = found.signals
     (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
     step = max(1, len(signals.response) // _POINTS)
@@ -117,7 +122,7 @@ def _traces(ax: Any, found: Analysis) -> None:
     ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
 
 
-def _densities(ax: Any, found: Analysis) -> None:
+def _densities(ax: Axes, found: Analysis) -> None:
     for one, name, colour in zip(
         reversed(found.spectra), reversed(found.signals.names), ("C0", LIGHT.given_text), strict=True
     ):
@@ -140,19 +145,19 @@ def _excited(response: FrequencyResponse) -> tuple[float, float]:
     return max(0.0, float(lines.min()) - room), float(lines.max()) + room
 
 
-def _absent(ax: Any, title: str, reason: str) -> None:
+def _absent(ax: Axes, title: str, reason: str) -> None:
     ax.set(title=title, xticks=[], yticks=[])
     ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, fontsize=9, transform=ax.transAxes)
 
 
-def _of_response(ax: Any, found: Analysis, title: str, drawer: Callable[[Any, str, FrequencyResponse], None]) -> None:
+def _of_response(ax: Axes, found: Analysis, title: str, drawer: Callable[[Axes, str, FrequencyResponse], None]) -> None:
     if found.response is None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
     else:
         drawer(ax, title, found.response)
 
 
-def _sizes(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _sizes(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     logarithmic(ax)
     ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
@@ -171,14 +176,14 @@ def _sizes(ax: Any, title: str, response: FrequencyResponse) -> None:
     ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
 
 
-def _phases(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _phases(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     for chosen, colour in ((shown, LIGHT.given_text), (trusted, "C0")):
         ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
     ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
 
 
-def _coherence(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _coherence(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown = response.excited
     ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
@@ -186,7 +191,7 @@ def _coherence(ax: Any, title: str, response: FrequencyResponse) -> None:
            title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
 
 
-def _orders(ax: Any, found: Analysis) -> None:
+def _orders(ax: Axes, found: Analysis) -> None:
     orders = found.orders
     assert orders is not None
     scale, unit = shown_unit(found.signals.units[1])
@@ -201,7 +206,7 @@ def _orders(ax: Any, found: Analysis) -> None:
     ax.set(xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=unit, title=title)
 
 
-def _decay(ax: Any, found: Analysis) -> None:
+def _decay(ax: Axes, found: Analysis) -> None:
     decay, title = found.decay, "Free decay"
     if decay is None:
         _absent(ax, title, found.skipped.get("decrement", ""))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_control.runs.decode import Decoded, Described
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.topics import (
     BLOCK,
@@ -180,7 +181,7 @@ class PreTrigger:
             return _Fired(one.publish_ns, None, float(values[place]))
         return _Fired(one.publish_ns + round(place / shape.rate * 1e9), shape.first_index + place, float(values[place]))
 
-    def _values(self, message: Any) -> NDArray[np.float64]:
+    def _values(self, message: Decoded) -> NDArray[np.float64]:
         if self._types[self.trigger.topic] != BLOCK:
             return np.atleast_1d(np.asarray(getattr(message, self.trigger.signal), dtype=np.float64))
         channels = list(message.channels)
@@ -202,7 +203,7 @@ def _shape(kind: str, data: bytes) -> BlockShape | None:
     return truth_shape(data) if kind == TRUTH else None
 
 
-def _is_number(described: Any) -> bool:
+def _is_number(described: Described) -> bool:
     """Whether a field, as rosbags describes it, is one number, or a sequence of them."""
     node, rest = described
     if node.name == "BASE":

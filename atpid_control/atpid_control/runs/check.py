@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
@@ -21,7 +20,7 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs import check_rules as rules
 from atpid_control.runs.check_rules import Findings
-from atpid_control.runs.decode import scans_of, stamp_of
+from atpid_control.runs.decode import Decoded, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
 from atpid_control.runs.read import kind_of
@@ -68,7 +67,7 @@ class _Check(Pass):
         self._ceiling: rules.CeilingWithinLimits | None = None
         self._injected: tuple[Injected, ...] = ()  # on purpose: what they alone explain is no finding
         #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
-        self._unordered: list[tuple[str, int, str, int, Any]] | None = None
+        self._unordered: list[tuple[str, int, str, int, Decoded]] | None = None
 
     @property
     def ceiling(self) -> rules.CeilingWithinLimits:
@@ -92,7 +91,7 @@ class _Check(Pass):
         except (AtpidError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
 
-    def _of_node(self, document: Any) -> None:
+    def _of_node(self, document: object) -> None:
         for key, block in document.items() if isinstance(document, Mapping) else ():
             given = block.get("ros__parameters") if isinstance(block, Mapping) else None
             if str(key).rsplit("/", 1)[-1] == "motor_node" and isinstance(given, Mapping):
@@ -114,13 +113,13 @@ class _Check(Pass):
             self.findings.add("message", f"{channel_of(record, self.channels).topic}: {error}")
             return False
 
-    def decoded(self, channel: Channel, message: Any) -> None:
+    def decoded(self, channel: Channel, message: Decoded) -> None:
         """Take a message; a handshake carries nothing, nor do diagnostics and the log."""
         kind = kind_of(self.decoder.name(channel.schema_id))
         if kind in CHECKS and not getattr(message, "handshake", False):
             self.message(channel.topic, kind, message)
 
-    def message(self, topic: str, kind: str, message: Any) -> None:
+    def message(self, topic: str, kind: str, message: Decoded) -> None:
         """Take a message of atpid_interfaces/msg/`kind`."""
         reason = check_as(kind, message)
         if reason:
@@ -145,7 +144,7 @@ class _Check(Pass):
         elif kind == "CeilingState":
             self.ceiling.state(stamp, message.height, message.target, self.findings)
 
-    def _block(self, topic: str, kind: str, stamp: int, block: Any) -> None:
+    def _block(self, topic: str, kind: str, stamp: int, block: Decoded) -> None:
         first, scans = int(block.first_index), scans_of(block)
         if first == 0:
             self.ceiling.begin = stamp * 1e-9
@@ -156,7 +155,7 @@ class _Check(Pass):
         elif topic.endswith("laser"):
             self.answers.add(0, last_stamp_ns(stamp, first, scans, block.rate), self.findings)
 
-    def _event(self, stamp: int, event: Any) -> None:
+    def _event(self, stamp: int, event: Decoded) -> None:
         if event.severity >= Severity.WARNING:
             count, first = self.events.get(event.kind, (0, f"{rules.seconds(stamp)}, {event.text}"))
             self.events[event.kind] = count + 1, first
@@ -212,5 +211,5 @@ def check(path: Path) -> Checked:
     return state.judged(read_through(path, state))
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan

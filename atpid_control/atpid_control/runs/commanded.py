@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scene of a run whose excitation was commanded, with the tone that was put out in place of the largest one."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.runs.tables import TIME
+from atpid_control.runs.tables import TIME, Columns
 from atpid_sim.scene import Scene
 
 #: Points nearer than this share of the largest value to the line through their neighbours are left out.
 _STRAIGHT = 1e-3
 
 
-def as_put_out(scene: Scene, messages: Callable[[str], Mapping[str, NDArray[Any]]]) -> Scene:
+def as_put_out(scene: Scene, messages: Callable[[str], Columns]) -> Scene:
     """Return the scene with the tone that the plant had, else that the exciter reported, as points.
 
     messages: returns the fields of all messages of a type. The frequency counts where there is an amplitude.

@@ -8,14 +8,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from mcap.records import Schema
 from rosbags.convert.converter import default_message
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from atpid_control.runs.errors import BagError, TypeUnknownError
+
+#: A decoded message: fields by name, number sequences as arrays. Which it has, the bag's definitions tell.
+Decoded: TypeAlias = Any
+#: A field's type, as rosbags describes it: of which kind, and what. The fields of a message type by name.
+Described: TypeAlias = tuple[Nodetype, Any]
+Fields: TypeAlias = dict[str, Described]
 
 _SEPARATOR = "=" * 80
 _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"} | {
@@ -114,7 +122,7 @@ _MOST_BYTES = 100_000
 
 
 @lru_cache(maxsize=256)
-def _store_of(name: str, definition: bytes) -> Any:
+def _store_of(name: str, definition: bytes) -> Typestore:
     """Return the types of a definition: bags have the same ones, and to read and compile them takes milliseconds."""
     if len(definition) > _MOST_BYTES:
         raise BagError(f"{len(definition)} bytes; allowed: {_MOST_BYTES}")
@@ -128,10 +136,10 @@ class Decoder:
     """Message types by schema id."""
 
     def __init__(self) -> None:
-        self._stores: dict[int, Any] = {}
+        self._stores: dict[int, Typestore] = {}
         self._schemas: dict[int, Schema] = {}
         self.moved: dict[int, str] = {}  # by schema, the field that is taken from `header.frame_id`
-        self._fields: dict[str, Any] = {}  # of each type, the first definition of it
+        self._fields: Typesdict = {}  # of each type, the first definition of it
 
     def add(self, schema: Schema) -> None:
         """Register the types of one schema; raise BagError where it is not a ROS 2 message definition."""
@@ -158,7 +166,7 @@ class Decoder:
             raise BagError(f"the definition {schema_id} of a topic's messages is not in the bag: it is damaged")
         return str(self._schemas[schema_id].name)
 
-    def decode(self, schema_id: int, data: bytes) -> Any:
+    def decode(self, schema_id: int, data: bytes) -> Decoded:
         """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
         name = self.name(schema_id)
         try:
@@ -177,7 +185,7 @@ class Decoder:
         """Return the first definition of a topic's message type and, after separators, those of all types inside it."""
         return next(bytes(schema.data) for schema in self._schemas.values() if schema.name == name)
 
-    def fields(self, name: str, schema_id: int | None = None) -> dict[str, Any]:
+    def fields(self, name: str, schema_id: int | None = None) -> Fields:
         """Return the fields of a message type, as rosbags describes them, by their names in the message's order.
 
         By the definitions of one schema, or by the bag's first one of the type. Raises BagError where there is none.
@@ -188,7 +196,7 @@ class Decoder:
         return dict(known[name][1])
 
 
-def _deserialised(data: bytes, name: str, store: Any) -> Any:
+def _deserialised(data: bytes, name: str, store: Typestore) -> Decoded:
     encapsulation = bytes(data[:2])
     if len(data) < 4 or encapsulation not in _CDR:
         raise ValueError("it is not plain CDR")
@@ -209,12 +217,12 @@ def is_handshake(data: bytes) -> bool:
     return data[1:2] == b"\x01" and data[place : place + 1] == b"\x01"
 
 
-def scans_of(block: Any) -> int:
+def scans_of(block: Decoded) -> int:
     """Return how many scans a SampleBlock or PlantTruth has."""
     return len(block.support) if hasattr(block, "support") else len(block.data) // len(block.channels)
 
 
-def stamp_of(message: Any) -> int:
+def stamp_of(message: Decoded) -> int:
     """Return the stamp in the header of a decoded message [ns]."""
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
@@ -232,9 +240,7 @@ class Converter:
         self._name = name
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(get_types_from_msg(message_type(name).definition, name))
-        self._installed: dict[str, dict[str, Any]] = {
-            key: dict(fields) for key, (_, fields) in self._store.fielddefs.items()
-        }
+        self._installed: dict[str, Fields] = {key: dict(fields) for key, (_, fields) in self._store.fielddefs.items()}
         self._recorded = decoder
         self.moved: list[str] = []
         self.missing: list[str] = []
@@ -246,7 +252,7 @@ class Converter:
         """Whether both definitions have the same fields in the same order, so that nothing has to be converted."""
         return self._same(self._name)
 
-    def convert(self, message: Any) -> bytes:
+    def convert(self, message: Decoded) -> bytes:
         """Return a decoded message of the bag, serialised by the definition installed. Raises BagError."""
         try:
             return bytes(self._store.serialize_cdr(self._filled(self._name, message), self._name))
@@ -279,7 +285,7 @@ class Converter:
             if inner:
                 self._compare(inner, f"{path}{field}.")
 
-    def _filled(self, name: str, recorded: Any) -> Any:
+    def _filled(self, name: str, recorded: Decoded) -> Decoded:
         """Return a message of the installed type `name` with the values of `recorded`, defaults where it has none."""
         defaults = default_message(self._store, name)
         values = {}
@@ -296,7 +302,7 @@ class Converter:
         return self._store.types[name](**values)
 
 
-def _inner(described: Any) -> str:
+def _inner(described: Described) -> str:
     """Return the message type of a field, or of an array's elements; empty: a primitive."""
     kind, rest = described
     if kind == Nodetype.NAME:
@@ -304,7 +310,7 @@ def _inner(described: Any) -> str:
     return _inner(rest[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ""
 
 
-def _words(described: Any) -> str:
+def _words(described: Described) -> str:
     """Return a field's type as a message file writes it."""
     kind, rest = described
     if kind == Nodetype.BASE:

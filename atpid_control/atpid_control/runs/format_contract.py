@@ -24,6 +24,7 @@ from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Table
 from atpid_control.runs.topics import BLOCK
 from atpid_control.runs.writer import BagWriter
+from atpid_sim.system import Array
 
 _CHANNELS = ("support_displacement", "beam_displacement")
 #: Of the bag that is written: its sampling rate [Hz], stamp of its first sample [ns], blocks, and scans of each.
@@ -32,9 +33,9 @@ _RATE, _START, _BLOCKS, _SCANS = 500.0, 1_700_000_000_000_000_000, 8, 50
 _ROUNDED = 1e-9
 
 
-def values() -> Any:
+def values() -> Array:
     """Return the samples of the bag (n, channels) [m]."""
-    return np.sin(np.outer(np.arange(_BLOCKS * _SCANS), np.arange(1, len(_CHANNELS) + 1)) * 0.1) / 3.0
+    return np.asarray(np.sin(np.outer(np.arange(_BLOCKS * _SCANS), np.arange(1, len(_CHANNELS) + 1)) * 0.1) / 3.0)
 
 
 def _bag_in(folder: Path) -> Path:
@@ -43,15 +44,14 @@ def _bag_in(folder: Path) -> Path:
     store: Any = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
     block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    channels: dict[str, object] = {"channels": list(_CHANNELS), "units": ["m"] * len(_CHANNELS)}
-    fixed = channels | {"skew": np.zeros(len(_CHANNELS)), "rate": _RATE, "dropped": 0, "backlog": 0}
+    layout = {"channels": list(_CHANNELS), "units": ["m"] * len(_CHANNELS), "skew": np.zeros(len(_CHANNELS))}
+    fixed = {"rate": _RATE, "dropped": 0, "backlog": 0, "handshake": False, "device": "contract"}
     writer = BagWriter(bag, new_run(run_id="contract"))
     writer.add_topic("/sensors/laser", BLOCK)
     for number, data in enumerate(np.split(values(), _BLOCKS)):
         stamp = _START + round(number * _SCANS / _RATE * 1e9)
         at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
-        own = {"header": at, "first_index": number * _SCANS, "data": data.ravel()}
-        message = block(**fixed, **own, handshake=False, device="contract")
+        message = block(header=at, first_index=number * _SCANS, data=data.ravel(), **layout, **fixed)
         writer.write("/sensors/laser", bytes(store.serialize_cdr(message, BLOCK)), stamp, stamp)
     writer.close({"finished": "yes"})
     return bag

@@ -16,10 +16,10 @@ from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import yaml
 
+from atpid_common.files import Document
 from atpid_control.runs.errors import BagError
 
 #: Names of the metadata records in the MCAP file.
@@ -108,7 +108,7 @@ class Qos:
     liveliness: str = "automatic"
     lease_ns: int = _FOREVER_NS
 
-    def mapping(self) -> dict[str, Any]:
+    def mapping(self) -> Document:
         """Return the entry of `offered_qos_profiles` in version 9."""
         return {
             "history": self.history,
@@ -138,7 +138,7 @@ class TopicSummary:
     name: str
     type: str
     hash: str
-    qos: list[dict[str, Any]]  # the entries of `offered_qos_profiles`
+    qos: list[Document]  # the entries of `offered_qos_profiles`
     count: int = 0
 
 
@@ -157,7 +157,7 @@ class _FileSummary:
         self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
         self.end_ns = max(self.end_ns, log_ns)
 
-    def times(self) -> dict[str, Any]:
+    def times(self) -> Document:
         """Return begin and duration as rosbag2 writes them."""
         start = self.start_ns or 0
         return {
@@ -186,7 +186,7 @@ class BagSummary:
         self.files[-1].add(log_ns)
 
 
-def _mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
+def _mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> Document:
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     whole = summary.whole.times()
     topics = [

@@ -5,9 +5,8 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_common.files import Document, FileError, parse_yaml, read_text
 from atpid_control.runs import metadata
 from atpid_control.runs.errors import BagError
 
@@ -76,19 +75,20 @@ def _nearly(begin: bytes) -> bool:
     return 2 * sum(one == other for one, other in zip(begin, MAGIC, strict=False)) >= len(MAGIC)
 
 
-def read_metadata(folder: Path) -> Any:
+def read_metadata(folder: Path) -> Document:
     """Return the information in metadata.yaml; raise BagError where it is missing or not what rosbag2 writes."""
     path = folder / metadata.FILE_NAME
     recover = f"`atpid bag recover {folder}` writes it anew"
     if not path.is_file():
         raise BagError(f"{folder}: {metadata.FILE_NAME} is missing, so the recording was not closed; {recover}")
     try:
-        return parse_yaml(read_text(path, _MOST_METADATA))["rosbag2_bagfile_information"]
+        information: Document = parse_yaml(read_text(path, _MOST_METADATA))["rosbag2_bagfile_information"]
     except (FileError, LookupError, TypeError):
         raise BagError(f"{path}: not what rosbag2 writes; {recover}") from None
+    return information
 
 
-def counts_in(information: Any) -> dict[str, int]:
+def counts_in(information: Document) -> dict[str, int]:
     """Return the number of messages by topic in the information of metadata.yaml; raise BagError: it has none."""
     try:
         listed = information["topics_with_message_count"]
@@ -97,7 +97,7 @@ def counts_in(information: Any) -> dict[str, int]:
         raise BagError(f"{metadata.FILE_NAME}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
 
 
-def check_listed(folder: Path, files: Iterable[Path], information: Any) -> None:
+def check_listed(folder: Path, files: Iterable[Path], information: Document) -> None:
     """Raise BagError unless metadata.yaml lists the files that are there: none missing, none of another recording."""
     try:
         listed = {Path(str(name)).name for name in information["relative_file_paths"]}

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -165,7 +164,7 @@ def compare(recorded: Run, replayed: Run) -> list[ReplayAgreement]:
     return agreements
 
 
-def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, list[tuple[int, tuple[Any, ...]]]]]:
+def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, list[tuple[int, tuple[object, ...]]]]]:
     """Yield each topic with messages of a type, and their (stamp [ns], values of the fields)."""
     for table, arrays in sorted(run.tables.values(), key=lambda one: one[0].topic):
         if kind_of(table.type) == kind:
@@ -173,7 +172,7 @@ def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, li
             yield table.topic, list(zip(arrays[STAMP].tolist(), values, strict=True))
 
 
-def _difference(recorded: tuple[Any, ...], replayed: tuple[Any, ...] | None, names: tuple[str, ...]) -> str:
+def _difference(recorded: tuple[object, ...], replayed: tuple[object, ...] | None, names: tuple[str, ...]) -> str:
     """Return in words how an answer differs; empty: it does not."""
     if replayed is None:
         return "no answer"
@@ -181,7 +180,7 @@ def _difference(recorded: tuple[Any, ...], replayed: tuple[Any, ...] | None, nam
     return ", ".join(f"{name} {one!r} is now {other!r}" for name, one, other in pairs if not _equal(one, other))
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _equal(one: object, other: object) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         both_unknown = math.isnan(one) and math.isnan(other)
         return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)

@@ -4,17 +4,17 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 
+from atpid_common.files import Document
 from atpid_common.message_checks import CHECKS, check_as
-from atpid_control.runs.decode import Decoder, is_handshake, scans_of, stamp_of
+from atpid_control.runs.decode import Decoded, Decoder, is_handshake, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import FILE_NAME, RESULT, RUN, SCENE
 from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
@@ -42,7 +42,7 @@ class Contents:
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}  # configuration, verbatim
         self._torn_ok, self._parts = torn_ok, find_parts(self.path)
-        self._listed: Mapping[str, Any] = {}  # by metadata.yaml
+        self._listed: Document = {}  # by metadata.yaml
         self._torn: list[str] = []
         self._foreign: dict[str, str] = {}  # topics that cannot be read: why
         self._handshakes: set[str] = set()  # topics that may have them: another program records them as well
@@ -155,7 +155,7 @@ class Contents:
         after = (end - self._start_ns) * 1e-9
         return f"cut off or damaged after {after:.6g} s: read until sample {', '.join(samples)}"
 
-    def _block(self, schema: int, data: bytes) -> Any:
+    def _block(self, schema: int, data: bytes) -> Decoded:
         """Return a block; None where it cannot be used, or has no samples."""
         with suppress(BagError):
             block = self.decoder.decode(schema, data)
@@ -168,7 +168,7 @@ def kind_of(name: str) -> str:
     return name.removeprefix(_OURS) if name.startswith(_OURS) else ""
 
 
-def reason_to_leave_out(kind: str, message: Any) -> str:
+def reason_to_leave_out(kind: str, message: Decoded) -> str:
     """Return why a message of atpid_interfaces/msg/`kind` cannot be used; empty: it can, or is of another package."""
     return check_as(kind, message) if kind in CHECKS else ""
 
@@ -199,11 +199,11 @@ class Bag(Contents):
         #: Messages that cannot be used, which readers do not get: why, by topic and place in `raw`.
         self.left_out: dict[str, dict[int, str]] = {}
 
-    def decode(self, raw: _Raw) -> Any:
+    def decode(self, raw: _Raw) -> Decoded:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
         return self.decoder.decode(raw.schema, raw.data)
 
-    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+    def messages(self, topic: str) -> Iterator[tuple[int, Decoded]]:
         """Yield (log time [ns], message) of one topic that can be used; nothing where the bag does not have it."""
         kind = kind_of(self.types.get(topic, ""))
         for place, raw in enumerate(self.raw):
@@ -222,7 +222,7 @@ class Bag(Contents):
                   for topic, why in sorted(self.left_out.items()))  # fmt: skip
         return [*self.unread, *unused]
 
-    def of_kind(self, kind: str) -> Iterator[tuple[int, Any]]:
+    def of_kind(self, kind: str) -> Iterator[tuple[int, Decoded]]:
         """Yield (log time [ns], message) of message type atpid_interfaces/msg/`kind`, topic by topic."""
         return chain.from_iterable(map(self.messages, self.topics_of(kind)))
 

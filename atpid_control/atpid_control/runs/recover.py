@@ -16,12 +16,11 @@ from functools import lru_cache
 from itertools import count
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
 
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from atpid_common.files import FileError, parse_yaml
+from atpid_common.files import Document, FileError, parse_yaml
 from atpid_control.runs import metadata
 from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.metadata import RESULT, RUN, BagSummary, TopicSummary
@@ -209,7 +208,7 @@ class _Ids:
 
 
 @lru_cache(maxsize=64)
-def _profiles(text: str) -> list[Any]:
+def _profiles(text: str) -> list[Document]:
     """Return the profiles in a text, which most channels of a bag share and which takes milliseconds to read.
 
     None where they cannot be read: those of rosbag2 then apply.

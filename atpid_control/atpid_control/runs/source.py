@@ -8,13 +8,13 @@ Of samples every index has its row, a lost one with NaN, so that nothing is join
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.records import Channel
+from numpy.typing import NDArray
 
 from atpid_common.vocabulary import DRIVES, Drive
-from atpid_control.runs.decode import scans_of, stamp_of
+from atpid_control.runs.decode import Decoded, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.read import Contents, kind_of, reason_to_leave_out
 from atpid_control.runs.tables import (
@@ -27,6 +27,7 @@ from atpid_control.runs.tables import (
     Leaf,
     Piece,
     Table,
+    Values,
     comments,
     common,
     has_header,
@@ -47,7 +48,7 @@ class _Segment:
     """Blocks whose indices go on."""
 
     number: int  # from 0 on, in its topic
-    layout: tuple[Any, ...]  # rate [Hz], device, channels, units, delays
+    layout: tuple[float, tuple[object, ...]]  # rate [Hz], device, channels, units, delays
     first: int  # index of its first scan
     start_ns: int  # and its stamp
     offset: float  # of that scan after the begin of the bag, by stamp as far as that can be [s]
@@ -61,9 +62,9 @@ class _Segment:
     @property
     def rate(self) -> float:
         """Rate of its samples [Hz]."""
-        return float(self.layout[0])
+        return self.layout[0]
 
-    def goes_on(self, layout: tuple[Any, ...], first: int, stamp_ns: int, last: bool) -> bool:
+    def goes_on(self, layout: tuple[float, tuple[object, ...]], first: int, stamp_ns: int, last: bool) -> bool:
         """Whether a block that begins at index `first` continues it; `last`: it has the block before."""
         ahead = first - self.following
         if layout != self.layout or not 0 <= ahead <= LONGEST_GAP * self.rate:
@@ -87,11 +88,11 @@ class Segments:
         self._start_ns = start_ns
         self._last: _Segment | None = None  # that has the block before
 
-    def place(self, block: Any) -> _Segment | str:
+    def place(self, block: Decoded) -> _Segment | str:
         """Return the segment of a block that `message_checks` lets pass, or why it has none."""
         first, scans, stamp = int(block.first_index), scans_of(block), stamp_of(block)
         named = (tuple(getattr(block, name, ())) for name in ("channels", "units", "skew"))
-        layout = (float(block.rate), getattr(block, "device", ""), *named)
+        layout = float(block.rate), (getattr(block, "device", ""), *named)
         before = self._last
         known = [*([before] if before else []), *reversed(self.all)]
         segment = next((one for one in known if one.goes_on(layout, first, stamp, one is before)), None)
@@ -247,9 +248,9 @@ class _Topic:
     table: Table
     samples: "_Samples | None"
     start_ns: int
-    waiting: list[tuple[Any, ...]]
+    waiting: list[tuple[object, ...]]
 
-    def rows(self, message: Any, log_ns: int) -> Iterator[Piece]:
+    def rows(self, message: Decoded, log_ns: int) -> Iterator[Piece]:
         """Yield what a message completes."""
         if reason := reason_to_leave_out(self.kind, message):
             self.table.left_out[reason] += 1
@@ -281,7 +282,7 @@ class _Samples:
         self._name, self._topic, self._type, self._known, self._start = name, topic, type_name, known, start_ns
         self._segments = Segments(start_ns)
 
-    def rows(self, block: Any) -> Iterator[Piece]:
+    def rows(self, block: Decoded) -> Iterator[Piece]:
         """Yield the rows of a block, those of the samples lost before it first."""
         segment = self._segments.place(block)
         if isinstance(segment, str):
@@ -305,12 +306,12 @@ class _Samples:
             nothing = np.full((len(after), len(table.columns) - 3), np.nan)
             yield self._piece(table, begin + first, _stamps(begin_ns, after, step), nothing)
 
-    def _piece(self, table: Table, first: int, stamps: Any, values: Array) -> Piece:
+    def _piece(self, table: Table, first: int, stamps: NDArray[np.int64], values: Array) -> Piece:
         table.rows += len(stamps)
         index = first + np.arange(len(stamps), dtype=np.int64)
         return Piece(table, ((stamps - self._start) * 1e-9, stamps, index, *np.ascontiguousarray(values.T)))
 
-    def _channels(self, block: Any) -> Iterator[Column]:
+    def _channels(self, block: Decoded) -> Iterator[Column]:
         if hasattr(block, "beam"):
             yield from (Column(name, *self._known.get(name, ("m", ""))) for name in _SERIES)
             return
@@ -323,19 +324,19 @@ class _Samples:
             yield Column(free, unit, f"channel {name} of {block.device}", skew=skew)
 
 
-def _stamps(begin_ns: int, after: Any, step: float) -> Any:
+def _stamps(begin_ns: int, after: NDArray[np.int64], step: float) -> NDArray[np.int64]:
     """Return the stamps of samples (n,) `after` the one of `begin_ns`, `step` apart [ns]."""
-    return begin_ns + np.rint(after * step).astype(np.int64)
+    return np.asarray(begin_ns + np.rint(after * step).astype(np.int64))
 
 
-def _values(block: Any) -> Array:
+def _values(block: Decoded) -> Array:
     """Return the samples (n, channels)."""
     if hasattr(block, "beam"):
         return np.column_stack([np.asarray(getattr(block, name), dtype=np.float64) for name in _SERIES])
     return np.asarray(block.data, dtype=np.float64).reshape(-1, len(block.channels))
 
 
-def _array(values: Any, dtype: np.dtype[Any]) -> Any:
+def _array(values: Sequence[object], dtype: np.dtype[np.generic]) -> Values:
     array = np.empty(len(values), dtype)
     array[:] = list(values) if dtype == TEXT else values
     return array

@@ -11,14 +11,18 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-from atpid_control.runs.decode import Decoder
+from atpid_common.files import Document
+from atpid_control.runs.decode import Decoded, Decoder, Fields
 
+#: The values (k,) of a column, of any type; those of a table by its columns' names.
+Values: TypeAlias = NDArray[Any]
+Columns: TypeAlias = dict[str, Values]
 #: Type of a column of texts.
 TEXT = np.dtype(object)
 #: Origin of the simulated plant's own motion; sensors have the last word of their topic, such as `laser`.
@@ -34,7 +38,7 @@ class Column:
     name: str
     unit: str
     description: str
-    dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float64))
+    dtype: np.dtype[np.generic] = field(default_factory=lambda: np.dtype(np.float64))
     skew: float = 0.0  # delay of the channel's sampling instants after `time` [s]
 
 
@@ -82,7 +86,7 @@ class Table:
         """The columns that hold what was measured or published."""
         return tuple(column for column in self.columns if column.name not in (TIME, STAMP, INDEX))
 
-    def about(self) -> dict[str, Any]:
+    def about(self) -> Document:
         """Return what is not in the columns, as plain values."""
         return {
             "topic": self.topic, "type": self.type, **({} if self.rate is None else {"rate": self.rate}),
@@ -97,7 +101,7 @@ class Piece:
     """Rows of a table: one array (k,) a column."""
 
     table: Table
-    arrays: tuple[NDArray[Any], ...]
+    arrays: tuple[Values, ...]
 
     def __len__(self) -> int:
         return len(self.arrays[0])
@@ -135,7 +139,7 @@ class Leaf:
     path: tuple[str, ...]
     column: Column
 
-    def value(self, message: Any) -> Any:
+    def value(self, message: Decoded) -> object:
         """Return the value in a decoded message; a sequence as JSON."""
         for name in self.path:
             message = getattr(message, name)
@@ -159,7 +163,7 @@ def has_header(decoder: Decoder, schema_id: int) -> bool:
 
 
 def _leaves(
-    fields: Callable[[str], dict[str, Any]], type_name: str, known: dict[str, tuple[str, str]], path: tuple[str, ...]
+    fields: Callable[[str], Fields], type_name: str, known: dict[str, tuple[str, str]], path: tuple[str, ...]
 ) -> Iterator[Leaf]:
     for name, (kind, described) in fields(type_name).items():
         unit, text = known.get((*path, name)[0], ("", ""))
@@ -175,7 +179,7 @@ def _leaves(
             yield Leaf(place, Column(".".join(place), unit, text, np.dtype(_NUMBERS.get(base, object))))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a field's value as JSON takes it."""
     if isinstance(value, np.ndarray):
         return value.tolist()

@@ -9,11 +9,11 @@ stamp.sec int32 at 4, stamp.nanosec uint32 at 8. The other fields are decoded.
 import struct
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap.records import Schema
 
-from atpid_control.runs.decode import Decoder, message_type
+from atpid_control.runs.decode import Decoded, Decoder, message_type
 from atpid_control.runs.errors import BagError, MessageError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
@@ -139,7 +139,7 @@ def event(data: bytes) -> _Sent:
     return _Sent(str(decoded.kind), str(decoded.node))
 
 
-def _decoded(kind: str, data: bytes) -> Any:
+def _decoded(kind: str, data: bytes) -> Decoded:
     try:
         return decoder_of(kind).decode(0, data)
     except BagError:

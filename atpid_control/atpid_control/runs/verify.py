@@ -11,12 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from mcap.reader import make_reader
 from mcap.records import Channel, Header, McapRecord, Message, Schema, Statistics
 
-from atpid_control.runs.decode import Decoder, scans_of
+from atpid_control.runs.decode import Decoded, Decoder, scans_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import SQLITE_ENDING, check_listed, counts_in, find_parts, read_metadata
 from atpid_control.runs.records import IDS, NO_RECOVERY, BoundedFile, channel_of, plain, records, renumbered
@@ -56,7 +55,7 @@ class Losses:
         self._streams: dict[str, _Stream] = {}
         self.numbered = True  # whether the messages of the present file are, from 0 on in each topic
 
-    def add(self, topic: str, sequence: int, message: Any) -> None:
+    def add(self, topic: str, sequence: int, message: Decoded) -> None:
         """Take a decoded message."""
         stream = self._streams.setdefault(topic, _Stream())
         skipped = 0
@@ -102,7 +101,7 @@ class Losses:
         return [f"{topic}: ends with scan {one.index - 1}" for topic, one in streams if one.index]
 
 
-def _first_of(message: Any) -> int | None:
+def _first_of(message: Decoded) -> int | None:
     """Return the index of the first scan of a block; None: a message of another kind, or an invalid one."""
     try:
         scans_of(message)
@@ -153,7 +152,7 @@ class Pass:
             return False
         return True
 
-    def decoded(self, channel: Channel, message: Any) -> None:
+    def decoded(self, channel: Channel, message: Decoded) -> None:
         """Take each message that can be decoded; here it is of no use."""
 
     def _take(self, record: McapRecord, place: int) -> None:
@@ -266,7 +265,7 @@ def _read_by_index(file: Path, messages: int) -> None:
     """Read the bag as other programs do; raise BagError where they do not find all its messages."""
     with file.open("rb") as stream:
         try:
-            reader: Any = make_reader(BoundedFile(stream), validate_crcs=True)  # type: ignore[arg-type]
+            reader = make_reader(BoundedFile(stream), validate_crcs=True)  # type: ignore[arg-type]
             found = sum(1 for _ in reader.iter_messages(log_time_order=False))
         except Exception as error:  # the library raises many types of errors for an index that leads astray
             reason = " ".join(str(error).split())[:120] or type(error).__name__
