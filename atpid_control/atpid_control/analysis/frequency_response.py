@@ -60,8 +60,8 @@ def _local_response(
     band = lines[:, None] + np.arange(-_SIDE, _SIDE + 1)
     u, y = (one[band] / np.sqrt(np.mean(np.abs(one[band]) ** 2, axis=1, keepdims=True)) for one in (given, answer))
     powers = np.linspace(-1.0, 1.0, 2 * _SIDE + 1) ** np.arange(_DEGREE + 1)[:, None]
-    columns = np.concatenate([u[:, None] * powers, np.broadcast_to(powers, (len(lines), *powers.shape)),
-                              -y[:, None] * powers[1:]], axis=1).transpose(0, 2, 1)  # fmt: skip
+    parts = u[:, None] * powers, np.broadcast_to(powers, (len(lines), *powers.shape)), -y[:, None] * powers[1:]
+    columns = np.concatenate(parts, axis=1).transpose(0, 2, 1)
     inverse = np.linalg.pinv(columns, rcond=1e-12)
     found = (inverse @ y[..., None])[..., 0]
     lever = 1.0 - np.einsum("kij,kji->ki", columns, inverse).real
@@ -69,8 +69,9 @@ def _local_response(
     size = np.sqrt(np.mean(np.abs(answer[band]) ** 2, axis=1) / np.mean(np.abs(given[band]) ** 2, axis=1))
     # half of a complex value's variance is in its size, half in its phase
     deviation = np.sqrt(0.5 * np.sum(left / lever * np.abs(inverse[:, 0]) ** 2, axis=1))
-    return (lines * rate / len(excitation), found[:, 0] * size, deviation / np.maximum(np.abs(found[:, 0]), 1e-300),
-            np.clip(1.0 - left.mean(axis=1), 0.0, 1.0), smooth[lines])  # fmt: skip
+    relative = deviation / np.maximum(np.abs(found[:, 0]), 1e-300)
+    coherence = np.clip(1.0 - left.mean(axis=1), 0.0, 1.0)
+    return lines * rate / len(excitation), found[:, 0] * size, relative, coherence, smooth[lines]
 
 
 #: A line counts as excited from this share of the strongest line's density on: 1 % of its amplitude.
@@ -151,24 +152,23 @@ class FrequencyResponse:
         """Why the response cannot be trusted, a line each."""
         lines = []
         if self.clock_error:  # NaN, too
-            lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
-                         "signal with both")  # fmt: skip
+            why = "a constant delay between these is in the phase; measure one signal with both"
+            lines.append(f"the channels are of two devices: {why}")
         if self.averages < _FEWEST_AVERAGES:
-            lines.append(
-                f"{self.averages:.3g} averages: coherence and error bars mean nothing; needed: {_FEWEST_AVERAGES:g}"
-            )
-        low = int(np.count_nonzero(self.excited & (self.coherence < _COHERENT)))
-        if low:
-            lines.append(f"coherence below {_COHERENT:g} at {low} of {np.count_nonzero(self.excited)} excited lines: "
-                         "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
+            needed = f"needed: {_FEWEST_AVERAGES:g}"
+            lines.append(f"{self.averages:.3g} averages: coherence and error bars mean nothing; {needed}")
+        excited = np.count_nonzero(self.excited)
+        if low := int(np.count_nonzero(self.excited & (self.coherence < _COHERENT))):
+            why = "noise, leakage or impacts; these lines are not trusted"
+            lines.append(f"coherence below {_COHERENT:g} at {low} of {excited} excited lines: {why}")
         place = self.strongest
         apart = float(abs(self.h2[place]) / abs(self.h1[place])) - 1.0
         if apart > _APART:
-            lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {self.frequency[place]:.4g} Hz: noise, or "
-                         "lines too far apart; then the error bar is too small")  # fmt: skip
+            why = "noise, or lines too far apart; then the error bar is too small"
+            lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {self.frequency[place]:.4g} Hz: {why}")
         if self.tone:
-            lines.append(f"only {np.count_nonzero(self.excited)} lines are excited, a tone: the response holds there; "
-                         "a sweep or noise shows a resonance")  # fmt: skip
+            known = "the response holds there; a sweep or noise shows a resonance"
+            lines.append(f"only {excited} lines are excited, a tone: {known}")
         elif self.local is None and (width := _half_power_width(self) or _LINES) < _LINES:
             lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
         if self.left_out:
@@ -202,8 +202,8 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     most = int(np.argmax(np.where(inside, found.first, -1.0)))
     smeared = _smeared(h1, excited) if window != "boxcar" else np.zeros(len(h1))
     h1, h2 = _in_time(signals, found.frequency, h1, h2)
-    return FrequencyResponse(found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most,
-                             clock_error=signals.clock_error)  # fmt: skip
+    known = np.nan_to_num(coherence), excited, found.averages, smeared, most
+    return FrequencyResponse(found.frequency, h1, h2, *known, clock_error=signals.clock_error)
 
 
 def _swept(
@@ -214,10 +214,9 @@ def _swept(
         raise AnalysisError(
             "the excitation passes once, too short for a response; give --window hann, or a longer part"
         )
-    (turned,), none = _in_time(signals, lines, h), np.zeros(len(lines))
-    return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), _FREEDOM + 1.0, none,
-                             int(np.argmax(density)), deviation, signals.clock_error,
-                             len(signals.response) - used)  # fmt: skip
+    (turned,), none, every = _in_time(signals, lines, h), np.zeros(len(lines)), np.full(len(lines), True)
+    known = coherence, every, _FREEDOM + 1.0, none, int(np.argmax(density)), deviation
+    return FrequencyResponse(lines, turned, turned, *known, signals.clock_error, len(signals.response) - used)
 
 
 def _in_time(signals: Signals, frequency: Array, *responses: Array) -> list[Array]:

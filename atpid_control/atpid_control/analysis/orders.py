@@ -75,12 +75,10 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     parts = slice(0, len(time) // 2), slice(len(time) // 2, len(time))
     halves = [_fit(time[part], signals.response[part], frequency, 1)[0][0] for part in parts]
     change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf
-    return Orders(
-        signals.start, signals.start + float(time[-1]), frequency, abs(given[0]), np.abs(found),
-        np.maximum(_errors(time, signals.response - offset, frequency, found), residual * math.sqrt(2.0 / used)),
-        np.angle(turned), residual,
-        (*_drift(signals, parts), *_doubts(change, residual, abs(found[0]))),
-    )  # fmt: skip
+    errors = np.maximum(_errors(time, signals.response - offset, frequency, found), residual * math.sqrt(2.0 / used))
+    doubts = (*_drift(signals, parts), *_doubts(change, residual, abs(found[0])))
+    span, tone = (signals.start, signals.start + float(time[-1])), (frequency, abs(given[0]))
+    return Orders(*span, *tone, np.abs(found), errors, np.angle(turned), residual, doubts)
 
 
 def steady_part(signals: Signals) -> Signals:
@@ -197,16 +195,14 @@ def _drift(signals: Signals, parts: tuple[slice, slice]) -> Iterator[str]:
     except AnalysisError:  # a half without a tone of its own: the orders are those of the other
         return
     if abs(second - first) * signals.duration > _DRIFT:
-        yield (f"the excitation's frequency changes from {first:.5g} to {second:.5g} Hz within the part: orders come "
-               "out too low, the higher the more; choose a shorter part with --from and --to")  # fmt: skip
+        what = "orders come out too low, the higher the more; choose a shorter part with --from and --to"
+        yield f"the excitation's frequency changes from {first:.5g} to {second:.5g} Hz within the part: {what}"
 
 
-def _doubts(change: float, residual: float, amplitude: float) -> list[str]:
-    lines = []
+def _doubts(change: float, residual: float, amplitude: float) -> Iterator[str]:
     if change > _CHANGE:
-        lines.append(f"the amplitude changes by {100.0 * change:.2g} % within the part: orders are means over it; "
-                     "choose a steady part with --from and --to")  # fmt: skip
+        what = "orders are means over it; choose a steady part with --from and --to"
+        yield f"the amplitude changes by {100.0 * change:.2g} % within the part: {what}"
     if residual > 0.1 * amplitude:
-        lines.append(f"{100.0 * residual / amplitude:.2g} % of the amplitude is at no multiple of the excitation: "
-                     "irregular or subharmonic motion, or noise")  # fmt: skip
-    return lines
+        what = "is at no multiple of the excitation: irregular or subharmonic motion, or noise"
+        yield f"{100.0 * residual / amplitude:.2g} % of the amplitude {what}"

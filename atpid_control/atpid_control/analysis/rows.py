@@ -49,9 +49,8 @@ def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     error = 100.0 * response.relative_std[place]
     bar = f" ± {error:.2g} %" if math.isfinite(error) else ""
     h1, h2 = abs(response.h1[place]), abs(response.h2[place])
-    what = ("response to the tone" if response.tone else "largest response") + (
-        "" if response.trusted[place] else " (not trusted)"
-    )
+    what = "response to the tone" if response.tone else "largest response"
+    what += "" if response.trusted[place] else " (not trusted)"
     given, answer = found.signals.units
     unit = "" if given == answer else f" {answer}/{given}"
     yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}{unit}"
@@ -95,6 +94,8 @@ def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
 _POINTS, _DECADES = 20_000, 1e-10
 #: Standard deviations that noise alone exceeds once in a hundred times.
 _NOISE = 3.0
+#: Of response and excitation.
+_COLOURS = "C0", LIGHT.given_text
 
 
 def panels(found: Analysis) -> Panels:
@@ -112,20 +113,14 @@ def _traces(ax: Axes, found: Analysis) -> None:
     signals = found.signals
     (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
     step = max(1, len(signals.response) // _POINTS)
-    for values, name, colour in zip(
-        (scale * signals.response, given * signals.excitation),
-        reversed(signals.names),
-        ("C0", LIGHT.given_text),
-        strict=True,
-    ):
+    values_of = scale * signals.response, given * signals.excitation
+    for values, name, colour in zip(values_of, reversed(signals.names), _COLOURS, strict=True):
         ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
     ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
 
 
 def _densities(ax: Axes, found: Analysis) -> None:
-    for one, name, colour in zip(
-        reversed(found.spectra), reversed(found.signals.names), ("C0", LIGHT.given_text), strict=True
-    ):
+    for one, name, colour in zip(reversed(found.spectra), reversed(found.signals.names), _COLOURS, strict=True):
         ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
@@ -160,18 +155,13 @@ def _of_response(ax: Axes, found: Analysis, title: str, drawer: Callable[[Axes, 
 def _sizes(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     logarithmic(ax)
-    ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
-    ax.plot(
-        response.frequency[shown],
-        np.abs(response.h1[shown]),
-        ".",
-        color=LIGHT.given_text,
-        markersize=4,
-        label="H1, excited lines",
-    )
-    size = np.abs(response.h1[trusted])
-    ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
-                linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
+    points = (("H2", response.h2, "C1", 5), ("H1", response.h1, LIGHT.given_text, 4))
+    for name, values, colour, size in points:
+        label = f"{name}, excited lines"
+        ax.plot(response.frequency[shown], np.abs(values[shown]), ".", color=colour, markersize=size, label=label)
+    at, sizes = response.frequency[trusted], np.abs(response.h1[trusted])
+    bars = 2.0 * sizes * response.relative_std[trusted]
+    ax.errorbar(at, sizes, bars, fmt="C0.", markersize=6, linewidth=0.8, label="H1 trusted, ±2σ")
     alone = " of a tone: known at its line alone" if response.tone else ""
     ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
 
@@ -187,8 +177,8 @@ def _coherence(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown = response.excited
     ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
-    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence",
-           title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
+    title = f"{title}; dots: excited lines; {response.averages:.3g} averages"
+    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence", title=title)
 
 
 def _orders(ax: Axes, found: Analysis) -> None:
@@ -217,13 +207,8 @@ def _decay(ax: Axes, found: Analysis) -> None:
     envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
     rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
     scale, unit = shown_unit(found.signals.units[1])
-    ax.plot(
-        time[inside],
-        scale * (found.signals.response[inside] - rest),
-        LIGHT.given_text,
-        linewidth=0.8,
-        label="from its mean",
-    )
+    moved = scale * (found.signals.response[inside] - rest)
+    ax.plot(time[inside], moved, LIGHT.given_text, linewidth=0.8, label="from its mean")
     fit = f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %"
     ax.plot(time[inside], scale * envelope, "C0", label=fit)
     ax.plot(time[inside], -scale * envelope, "C0")

@@ -59,13 +59,11 @@ class Signals:
             raise AnalysisError(
                 f"--from {begin:g} --to {end:g}: allowed: rising times from {self.start:g} to {until:g} s"
             )
-        return replace(self, excitation=self.excitation[first:last], response=self.response[first:last],
-                       start=self.start + first / self.rate)  # fmt: skip
+        excitation, response = self.excitation[first:last], self.response[first:last]
+        return replace(self, excitation=excitation, response=response, start=self.start + first / self.rate)
 
 
-def signals_of(
-    run: Run, given: str = "", measured: str = BEAM, *, both: bool = True
-) -> tuple[Signals, list[str]]:  # fmt: skip
+def signals_of(run: Run, given: str = "", measured: str = BEAM, *, both: bool = True) -> tuple[Signals, list[str]]:
     """Return what sensors measured in a run, at the same instants, and what is missing, a line each.
 
     given: empty: what drives the structure. Raises BagError: no samples of `measured`, or where it has to be `both` of
@@ -74,10 +72,12 @@ def signals_of(
     given = given or run.drive.channel
     excitation, response = run.signals(given, measured) if both else run.driven(given, measured)
     units = excitation.unit, response.unit
-    signals = Signals(response.rate, excitation.values, response.values, units, (given, measured), response.time0,
-                      response.origin, response.start_ns, response.skew - excitation.skew,
-                      math.hypot(excitation.clock_error, response.clock_error))  # fmt: skip
-    return signals, [*run.missing, *response.others]
+    error = math.hypot(excitation.clock_error, response.clock_error)
+    delay, values, names = response.skew - excitation.skew, (excitation.values, response.values), (given, measured)
+    made = Signals(
+        response.rate, *values, units, names, response.time0, response.origin, response.start_ns, delay, error
+    )
+    return made, [*run.missing, *response.others]
 
 
 def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
@@ -119,8 +119,8 @@ def displacement_of(acceleration: Array, rate: float, corner: float) -> tuple[Ar
         drift += used * float(density[lines < 2.0 * corner].sum() * lines[1])
         power, total = power + used * float(density.sum() * lines[1]), total + used
     if not total:
-        raise AnalysisError(f"--integrate {corner:g}: no part without a gap has {3.0 * _ENDS / corner:.3g} s; give a "
-                            "longer part, or a higher corner")  # fmt: skip
+        what = f"no part without a gap has {3.0 * _ENDS / corner:.3g} s; give a longer part, or a higher corner"
+        raise AnalysisError(f"--integrate {corner:g}: {what}")
     if drift > _DRIFT**2 * power:
         raise AnalysisError(
             f"--integrate {corner:g}: {math.sqrt(drift / max(power, 1e-300)):.0%} of the displacement is below "
@@ -137,8 +137,8 @@ def integrated(signals: Signals, corner: float) -> tuple[Signals, list[str]]:
         if units[place] == _ACCELERATION:
             columns[place], drift = displacement_of(columns[place], signals.rate, corner)
             units[place] = _DISPLACEMENT
-            lines.append(f"{name}: integrated twice above {corner:g} Hz, whole from {2.0 * corner:g} Hz on; drift "
-                         f"{drift:.2g} m root mean square")  # fmt: skip
+            above = f"above {corner:g} Hz, whole from {2.0 * corner:g} Hz on"
+            lines.append(f"{name}: integrated twice {above}; drift {drift:.2g} m root mean square")
     if not lines:
         raise AnalysisError(f"--integrate: given channels in {' and '.join(units)}; allowed: one in {_ACCELERATION}")
     return replace(signals, excitation=columns[0], response=columns[1], units=(units[0], units[1])), lines

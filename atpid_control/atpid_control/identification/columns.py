@@ -5,6 +5,8 @@
 The four of IEEE 1057 always take part. The others come in groups, and only where they are significant.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from atpid_control.identification.linear import compiled
@@ -22,12 +24,10 @@ _OLD = 23  # and in the oldest quarter and half
 CURVE = 27  # of the offset, where it drifts
 COUNT = 28
 #: Groups of columns, (first, one past the last): the first three lie on a steady tone, the others make it unsteady.
-GROUPS = (
-    (DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT), (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4),
-    (RECENT + 4, _OLD), (_OLD, _OLD + 2), (_OLD + 2, CURVE), (CURVE, COUNT),
-)  # fmt: skip
+_FIRST = (DRIFT, HARMONICS, HUM, SLOPE, RECENT, RECENT + 2, RECENT + 4, _OLD, _OLD + 2, CURVE, COUNT)
+GROUPS = tuple(pairwise(_FIRST))
 STEADY_GROUPS = 3
-_HARMONIC, FIRST_RECENT = 1, 4
+FIRST_RECENT = 4
 _RECENT_PERIODS = (0.25, 0.5, 1.0)
 _OLD_PERIODS = (0.25, 0.5)
 #: Groups that only a window longer than one period can distinguish from the others.

@@ -111,9 +111,7 @@ class Estimate:
                 f"displacement of {self.amplitude / omega**2:.2g} m within {relative:.0%}; allowed: {_VAGUE:.0%}; "
                 f"excite above {self.frequency * math.sqrt(relative / _VAGUE):.3g} Hz, or measure displacement"
             )
-        amplitude = self.amplitude / omega**2
-        return replace(
-            self, amplitude=amplitude, amplitude_std=amplitude * relative, offset=nan,
-            phase=math.remainder(self.phase + math.pi, 2.0 * math.pi), residual=self.residual / omega**2,
-            harmonics=self.harmonics / 4.0,
-        )  # fmt: skip
+        amplitude, residual = self.amplitude / omega**2, self.residual / omega**2
+        phase, harmonics = math.remainder(self.phase + math.pi, 2.0 * math.pi), self.harmonics / 4.0
+        moved = replace(self, amplitude=amplitude, amplitude_std=amplitude * relative, residual=residual)
+        return replace(moved, phase=phase, offset=nan, harmonics=harmonics)

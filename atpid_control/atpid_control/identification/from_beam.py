@@ -146,24 +146,16 @@ class ModelInverse:
         smooth = regular_branch(response, spread) if beam.quality == Quality.STEADY else response
         ends = crossings(support, smooth, spread, beam.amplitude, beam.amplitude_std)
         ends = ends or crossings(support, response, spread, beam.amplitude, beam.amplitude_std)
+        unknown = replace(beam, phase=math.nan, phase_std=math.nan)
         if not ends:
-            return replace(
-                beam,
-                quality=Quality.POOR,
-                amplitude=math.nan,
-                amplitude_std=math.nan,
-                phase=math.nan,
-                phase_std=math.nan,
-            )
+            return replace(unknown, quality=Quality.POOR, amplitude=math.nan, amplitude_std=math.nan)
         low, high = min(a for a, _ in ends), max(b for _, b in ends)
         quality = beam.quality if len(ends) == 1 else Quality.POOR
         amplitude = 0.5 * (low + high)
         # the damping's error acts less where the grain takes most of the energy, the stiffness's as in the closed beam
         model = amplitude * math.hypot(*_MODEL_ERROR)
-        return replace(
-            beam, quality=quality, amplitude=amplitude, amplitude_std=math.hypot(0.5 * (high - low), model),
-            phase=math.nan, phase_std=math.nan,
-        )  # fmt: skip
+        std = math.hypot(0.5 * (high - low), model)
+        return replace(unknown, quality=quality, amplitude=amplitude, amplitude_std=std)
 
 
 def regular_branch(response: Array, spread: Array) -> Array:
@@ -230,10 +222,8 @@ class _SimulatedRelation:
 
         frequency = self._scene.frequency_hz
         duration = _PERIODS / frequency
-        scene = self._scene.with_(
-            height=height, amplitude=amplitude, frequency=frequency, duration=duration, initial=None,
-            steady_window=(duration - _LOOKED_AT / frequency, duration),
-        )  # fmt: skip
+        excited = self._scene.with_(height=height, amplitude=amplitude, frequency=frequency, initial=None)
+        scene = excited.with_(duration=duration, steady_window=(duration - _LOOKED_AT / frequency, duration))
         rate = _SAMPLES * frequency
         try:
             beam = trajectory(scene, rate, "soft").beam

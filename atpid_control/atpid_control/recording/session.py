@@ -14,7 +14,7 @@ from typing import NamedTuple
 from atpid_common.message_checks import time_out_of_range
 from atpid_common.vocabulary import EventKind
 from atpid_control.recording.trigger import PreTrigger, Trigger
-from atpid_control.runs.decode import is_handshake
+from atpid_control.runs.decode import is_handshake, message_type
 from atpid_control.runs.errors import BagError, MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
 from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, block_shape, event, stamp, truth_shape
@@ -156,13 +156,14 @@ class RecordingSession:
         if not self.recording:
             return 0
         kind = self.topics[topic]
-        if not kind.has_header:
+        known = message_type(kind.type)
+        if not known.has_header:
             self._write(topic, data, now_ns, now_ns)
             return 0
         stamp_ns, node = stamp(data), ""
         if stamp_ns < 0:
             raise MessageError("its stamp is before 1970")
-        if kind.has_handshake and is_handshake(data):
+        if known.has_handshake and is_handshake(data):
             return 0
         if kind.type == EVENT:
             node = self._follow_event(stamp_ns, data)

@@ -115,8 +115,8 @@ _PADDING = 7
 
 
 #: What messages carried as `header.frame_id` before version 1.1: their device or node, by their type.
-_MOVED = {f"atpid_interfaces/msg/{name}": field for name, field in
-          {"SampleBlock": "device", "Excitation": "device", "Event": "node"}.items()}  # fmt: skip
+_NAMED = (("SampleBlock", "device"), ("Excitation", "device"), ("Event", "node"))
+_MOVED = {f"atpid_interfaces/msg/{name}": field for name, field in _NAMED}
 #: Longest definition [bytes]; those of ROS with all they contain have some thousand.
 _MOST_BYTES = 100_000
 

@@ -12,12 +12,11 @@ from pathlib import Path
 
 from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 
-from atpid_common.files import Document
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.runs.decode import Decoded, Decoder, is_handshake, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import FILE_NAME, RESULT, RUN, SCENE
-from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.parts import Listed, check_listed, find_parts, read_metadata
 from atpid_control.runs.records import channel_of, records, renumbered
 
 _OURS = "atpid_interfaces/msg/"
@@ -42,7 +41,7 @@ class Contents:
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}  # configuration, verbatim
         self._torn_ok, self._parts = torn_ok, find_parts(self.path)
-        self._listed: Document = {}  # by metadata.yaml
+        self._listed = Listed(set(), {}, None)
         self._torn: list[str] = []
         self._foreign: dict[str, str] = {}  # topics that cannot be read: why
         self._handshakes: set[str] = set()  # topics that may have them: another program records them as well
@@ -75,16 +74,15 @@ class Contents:
 
     def _cut_off(self) -> Iterator[str]:
         yield from self._torn
-        kept = self._listed.get("custom_data")
+        kept = self._listed.custom
         lost = kept.get("lost", "nothing") if isinstance(kept, dict) else "nothing"
         if lost != "nothing":
             yield f"{self.path}: recovered from a damaged bag, of which is lost: {lost}"
         elif not self._torn and self.run and not self.result:
             yield f"{self.path}: the recording was not closed: what was not written yet is not there"
-        with suppress(BagError):
-            for name, count in counts_in(self._listed).items():
-                if short := max(0, count - self._counts[name]):
-                    yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
+        for name, count in self._listed.counts.items():
+            if short := max(0, count - self._counts[name]):
+                yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
 
     def records(self) -> Iterator[tuple[Channel, Message]]:
         """Yield the messages that can be decoded, each with its channel, but no handshake, which carries nothing.
@@ -218,9 +216,9 @@ class Bag(Contents):
     @property
     def missing(self) -> list[str]:
         """What is not in the bag, or was read and cannot be used, a line each."""
-        unused = (f"{self.path}: {topic}: {len(why)} messages left out, the first since {next(iter(why.values()))}"
-                  for topic, why in sorted(self.left_out.items()))  # fmt: skip
-        return [*self.unread, *unused]
+        left_out = ((topic, len(why), next(iter(why.values()))) for topic, why in sorted(self.left_out.items()))
+        unused = (f"{topic}: {count} messages left out, the first since {why}" for topic, count, why in left_out)
+        return [*self.unread, *(f"{self.path}: {line}" for line in unused)]
 
     def of_kind(self, kind: str) -> Iterator[tuple[int, Decoded]]:
         """Yield (log time [ns], message) of message type atpid_interfaces/msg/`kind`, topic by topic."""

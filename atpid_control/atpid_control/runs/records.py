@@ -9,6 +9,7 @@ with a limit, and records inside a chunk are made one by one.
 import sqlite3
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from io import SEEK_END, BytesIO
@@ -211,8 +212,8 @@ def _sqlite_records(file: Path) -> Iterator[McapRecord]:
             raise ValueError(f"tables {', '.join(sorted(tables)) or 'none'}; needed: topics and messages, as rosbag2's")
         kept = {}
         if "message_definitions" in tables:
-            kept = {row["topic_type"]: (row["encoding"], row["encoded_message_definition"])
-                    for row in database.execute("SELECT * FROM message_definitions")}  # fmt: skip
+            select = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            kept = {row[0]: (row[1], row[2]) for row in database.execute(select)}
         yield Header(profile="ros2", library="rosbag2, in sqlite3")
         schemas: dict[str, int] = {}
         for topic in database.execute("SELECT * FROM topics ORDER BY id").fetchall():
@@ -225,13 +226,12 @@ def _sqlite_records(file: Path) -> Iterator[McapRecord]:
                     encoding = "ros2msg" if definition else "none"
                 yield Schema(id=schemas[kind], name=kind, encoding=encoding, data=definition.encode())
             known = {"topic_type_hash": dict(topic).get("type_description_hash", "")}  # an older bag has none
-            yield Channel(id=topic["id"], topic=topic["name"], message_encoding=topic["serialization_format"],
-                          schema_id=schemas[kind], metadata=known)  # fmt: skip
-        counts: dict[int, int] = {}
+            yield Channel(topic["id"], topic["name"], topic["serialization_format"], known, schemas[kind])
+        counts = Counter[int]()
         for row in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"):
-            number = counts[row["topic_id"]] = counts.get(row["topic_id"], -1) + 1
-            yield Message(channel_id=row["topic_id"], log_time=row["timestamp"], publish_time=row["timestamp"],
-                          data=bytes(row["data"]), sequence=number)  # fmt: skip
+            channel, time = row["topic_id"], row["timestamp"]
+            counts[channel] += 1
+            yield Message(channel, time, bytes(row["data"]), publish_time=time, sequence=counts[channel] - 1)
     yield DataEnd(data_section_crc=0)
     yield Footer(summary_start=0, summary_offset_start=0, summary_crc=0)
 

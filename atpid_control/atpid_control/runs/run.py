@@ -135,9 +135,8 @@ class Run(Shown):
     def _clock(self, table: Table, arrays: Columns) -> StreamClock:
         if table.name not in self._clocks:
             made = table.origin == TRUTH or "/" not in table.type  # of a message, not of a table's format
-            clock = (
-                StreamClock(table.rate or 1.0) if made else clock_of(arrays[INDEX], arrays[STAMP], table.rate or 1.0)
-            )
+            rate = table.rate or 1.0
+            clock = StreamClock(rate) if made else clock_of(arrays[INDEX], arrays[STAMP], rate)
             self._clocks[table.name] = clock
         return self._clocks[table.name]
 
@@ -329,8 +328,8 @@ class Run(Shown):
 
         tree = tree_of(self.tables)
         files = {name: data.decode(errors="replace") for name, data in self.files.items() if name.endswith(".yaml")}
-        tree.attrs.update({**self.about, **self.result, "bag": str(self.path), "start_ns": self.start_ns,
-                           "missing": self.missing, "files": files})  # fmt: skip
+        own = {"bag": str(self.path), "start_ns": self.start_ns, "missing": self.missing, "files": files}
+        tree.attrs.update(self.about | self.result | own)
         return tree
 
     to_xarray = tree
@@ -357,13 +356,11 @@ def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.
     if not tables:
         raise source.empty()
     scene, problem = _scene(source)
-    run = Run(path, source.start_ns, source.run, source.result, source.files, tables, source.unread, source.missing,
-              scene, problem)  # fmt: skip
-    return (
-        run
-        if scene is None or not scene.excitation.is_commanded
-        else replace(run, scene=as_put_out(scene, run.messages))
-    )
+    about = source.run, source.result, source.files
+    run = Run(path, source.start_ns, *about, tables, source.unread, source.missing, scene, problem)
+    if scene is not None and scene.excitation.is_commanded:
+        return replace(run, scene=as_put_out(scene, run.messages))
+    return run
 
 
 def _arrays(source: Source, begin: float, until: float) -> dict[str, tuple[Table, Columns]]:

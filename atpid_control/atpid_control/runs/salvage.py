@@ -27,7 +27,7 @@ from mcap.records import (
     MetadataIndex,
     Schema,
     Statistics,
-)  # fmt: skip
+)
 
 from atpid_control.runs.parts import MAGIC
 from atpid_control.runs.records import BoundedFile, inside, unpacked

@@ -32,7 +32,7 @@ from atpid_control.runs.tables import (
     common,
     has_header,
     leaves,
-)  # fmt: skip
+)
 from atpid_sim.system import Array
 
 #: Longest gap inside a segment [s]; all of its gaps together may be as long, and this many times its samples besides.
@@ -205,8 +205,8 @@ class Source(Contents):
             own = channel.topic.strip("/") + (f"_definition_{same + 1}" if same else "")
             series = _SAMPLED.get(kind_of(name), ())
             known = comments(definition.decode(errors="replace"))
-            known |= {field: (self._drive.unit, known[field][1]) for field in _OF_DRIVE.get(kind_of(name), ())
-                      if field in known}  # fmt: skip
+            for field in known.keys() & _OF_DRIVE.get(kind_of(name), ()):
+                known[field] = self._drive.unit, known[field][1]
             fields = [leaf for leaf in leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series]
             samples = _Samples(own, channel.topic, name, known, self.start_ns) if series else None
             scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []

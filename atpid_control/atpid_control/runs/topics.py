@@ -55,16 +55,6 @@ class Topic:
     transient_local: bool = False
 
     @property
-    def has_header(self) -> bool:
-        """Whether its messages begin with a std_msgs/Header."""
-        return message_type(self.type).has_header
-
-    @property
-    def has_handshake(self) -> bool:
-        """Whether its messages carry the field `handshake` after the header."""
-        return message_type(self.type).has_handshake
-
-    @property
     def in_loop(self) -> bool:
         """Whether it carries every stamp of a run, unlike an operator's commands, events, diagnostics and the log."""
         beside = (EVENT, _SUPERVISOR, _EXCITED_BY, _EXCITER)

@@ -17,7 +17,7 @@ from mcap.records import Channel, Header, McapRecord, Message, Schema, Statistic
 
 from atpid_control.runs.decode import Decoded, Decoder, scans_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.parts import SQLITE_ENDING, check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.parts import SQLITE_ENDING, check_listed, find_parts, read_metadata
 from atpid_control.runs.records import IDS, NO_RECOVERY, BoundedFile, channel_of, plain, records, renumbered
 from atpid_control.runs.salvage import Damage, salvage
 from atpid_control.runs.writer import LIBRARY
@@ -249,7 +249,7 @@ def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:
     counts = Counter(seen.written)
     if len(files) > 1 or _alone(files[0]):
         with suppress(BagError):  # of a recording that was not closed
-            counts |= Counter(counts_in(read_metadata(files[0].parent)))
+            counts |= Counter(read_metadata(files[0].parent).counts)
     return {topic: count for topic, count in counts.items() if 0 < count < _MOST_COUNTED}
 
 
@@ -277,12 +277,12 @@ def _read_by_index(file: Path, messages: int) -> None:
 def _compare(path: Path, files: Sequence[Path], counts: Mapping[str, int]) -> None:
     """Raise BagError where metadata.yaml lists other files, or other numbers of messages, than there are."""
     folder = files[0].parent
-    information = read_metadata(folder)
-    counted = counts_in(information)
+    listed = read_metadata(folder)
     if path.is_dir():
-        check_listed(folder, files, information)
+        check_listed(folder, files, listed)
     elif not _alone(files[0]):
         return
+    counted = listed.counts
     wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts.get(topic, 0))
     if wrong:
         raise BagError(
