@@ -35,7 +35,6 @@ class _Averaged:
     first: Array  # (k,) of the first signal [unit^2/Hz]
     second: Array  # (k,) of the second
     cross: Array  # (k,) E[conj(X) Y], complex
-    segments: int
     averages: float  # independent ones
     enbw: float  # equivalent noise bandwidth of the window [Hz]
 
@@ -98,7 +97,7 @@ def averaged(
     enbw = rate * float((shape**2).sum() / shape.sum() ** 2)
     averages = total if not overlap else total / (1.0 + 2.0 * _OVERLAP * (1.0 - 1.0 / total))
     lines = np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64)
-    return _Averaged(lines, sums[0].real, sums[1].real, sums[2], total, averages, enbw)
+    return _Averaged(lines, sums[0].real, sums[1].real, sums[2], averages, enbw)
 
 
 def window_of(name: str, length: int) -> Array:

@@ -290,10 +290,8 @@ class Identifier:
         if not given or (support if self._inverse is None else beam) is None:
             needed = "support" if self._inverse is None else "beam"
             raise IdentificationError(f"{needed}: given no samples; allowed: the displacement of the {needed} [m]")
-        samples = np.full((2, given[0].size), np.nan)
-        for row, channel in enumerate((support, beam)):
-            if channel is not None:
-                samples[row] = channel
+        nothing = np.full(given[0].size, np.nan)
+        samples = np.array([nothing if one is None else one for one in (support, beam)], dtype=np.float64)
         # an infinite reading is as invalid as none
         samples[np.isinf(samples)] = np.nan
         return samples

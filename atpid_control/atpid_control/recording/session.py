@@ -15,7 +15,7 @@ from atpid_common.message_checks import time_out_of_range
 from atpid_common.vocabulary import EventKind
 from atpid_control.recording.trigger import PreTrigger, Trigger
 from atpid_control.runs.decode import is_handshake, message_type
-from atpid_control.runs.errors import BagError, MessageError
+from atpid_control.runs.errors import MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
 from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, block_shape, event, stamp, truth_shape
 from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
@@ -135,7 +135,11 @@ class RecordingSession:
         self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
         self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
                                 split=writing.split)  # fmt: skip
-        self.recording = True
+
+    @property
+    def recording(self) -> bool:
+        """Whether the bag is open: it was not closed, and the disk takes what is written."""
+        return not self.writer.closed
 
     @property
     def elapsed(self) -> float:
@@ -255,17 +259,17 @@ class RecordingSession:
     def end_chunk(self) -> None:
         """Make sure that a crash from now on loses only what comes later. Raises BagError."""
         if self.recording:
-            self._guarded(self.writer.end_chunk)
+            self.writer.end_chunk()
 
     def sync(self) -> None:
         """Make sure that a power cut from now on loses only what comes later. Raises BagError."""
         if self.recording:
-            self._guarded(self.writer.sync)
+            self.writer.sync()
 
     def keep(self, name: str, data: bytes) -> None:
         """Keep a file in the bag, verbatim. Raises BagError."""
         if self.recording:
-            self._guarded(lambda: self.writer.attach(name, data))
+            self.writer.attach(name, data)
 
     def close(self) -> None:
         """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
@@ -273,7 +277,6 @@ class RecordingSession:
             return
         for held in self.order.rest():
             self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
-        self.recording = False
         self.writer.close(self.result())
 
     def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
@@ -289,17 +292,9 @@ class RecordingSession:
 
     def _put(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         if topic not in self.writer.channels:
-            self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
-        self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))
+            self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic))
+        self.writer.write(topic, data, log_ns, publish_ns)
         self.written[topic] += 1
-
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """Call `act`; an error of the disk ends the recording."""
-        try:
-            act()
-        except BagError:
-            self.recording = False
-            raise
 
 
 def _checked(shape: BlockShape) -> BlockShape:

@@ -73,15 +73,14 @@ class NoGaps:
 
     def add(self, first: int, scans: int, dropped: int, findings: Findings) -> None:
         """Take a block's first index, its number of scans, and how many the device has lost since the start."""
-        if self.following is not None and first > self.following:
-            self.lost += first - self.following
-            findings.add("lost", f"{self.topic}: {first - self.following} scans, index {self.following} to {first - 1}")
-        elif self.following is not None and first < self.following:
-            findings.add("index", f"{self.topic}: the stream goes back to index {first} after {self.following - 1}")
-        if dropped > self.dropped:
-            findings.add(
-                "lost", f"{self.topic}: {dropped - self.dropped} scans by the device's own count, before index {first}"
-            )
+        following = first if self.following is None else self.following
+        if first > following:
+            self.lost += first - following
+            findings.add("lost", f"{self.topic}: {first - following} scans, index {following} to {first - 1}")
+        elif first < following:
+            findings.add("index", f"{self.topic}: the stream goes back to index {first} after {following - 1}")
+        if (more := dropped - self.dropped) > 0:
+            findings.add("lost", f"{self.topic}: {more} scans by the device's own count, before index {first}")
             self.dropped = dropped
         self.following = first + scans
         self.scans += scans
@@ -200,9 +199,8 @@ class CeilingWithinLimits:
             self._state = None  # none of the ceiling: its sensor failed on purpose, or the clock that stamps it
             return
         if self.limits.outside([target]) or self.limits.outside([height], self._beyond):
-            findings.add(
-                "height", f"the ceiling at {height:g} m for {target:g} m at {seconds(stamp_ns)}; {self._allowed()}"
-            )
+            where = f"the ceiling at {height:g} m for {target:g} m at {seconds(stamp_ns)}"
+            findings.add("height", f"{where}; {self._allowed()}")
         if not math.isfinite(height):
             self._state = None
             return
@@ -212,32 +210,23 @@ class CeilingWithinLimits:
             return
         path, time = abs(height - before[1]), (stamp_ns - before[0]) * 1e-9
         if path > self.limits.speed * (time + self.jitter) + 2.0 * _RESOLUTION:
-            findings.add(
-                "speed",
-                f"the ceiling went {path:.6f} m in {time:.4f} s before {seconds(stamp_ns)}; "
-                f"allowed: {self.limits.speed:g} m/s",
-            )
+            went = f"the ceiling went {path:.6f} m in {time:.4f} s before {seconds(stamp_ns)}"
+            findings.add("speed", f"{went}; allowed: {self.limits.speed:g} m/s")
 
     def truth(self, stamp_ns: int, first: int, rate: float, heights: Array, findings: Findings) -> None:
         """Take the simulated heights (n,) [m] from sample index `first` on at `rate` [Hz]."""
         low, high = float(heights.min()), float(heights.max())
         self._reached(low, high)
         if self.limits.outside([low, high], self._beyond):
-            findings.add(
-                "height",
-                f"the simulated ceiling from {low:g} to {high:g} m in the block of {seconds(stamp_ns)}; "
-                f"{self._allowed()}",
-            )
+            where = f"the simulated ceiling from {low:g} to {high:g} m in the block of {seconds(stamp_ns)}"
+            findings.add("height", f"{where}; {self._allowed()}")
         before, self._end = self._end, (first + len(heights) - 1, float(heights[-1]))
         joined = heights if before is None or before[0] != first - 1 else np.concatenate(([before[1]], heights))
         fastest = float(np.abs(np.diff(joined)).max(initial=0.0)) * rate
         # the path of one sample, with the rounding of two heights
         if fastest > self.limits.speed * (1.0 + 1e-6) + 1e-9 * rate:
-            findings.add(
-                "speed",
-                f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}; "
-                f"allowed: {self.limits.speed:g} m/s",
-            )
+            moved = f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}"
+            findings.add("speed", f"{moved}; allowed: {self.limits.speed:g} m/s")
 
     def _reached(self, low: float, high: float) -> None:
         self.low, self.high = min(self.low, low), max(self.high, high)

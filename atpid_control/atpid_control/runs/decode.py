@@ -245,12 +245,9 @@ class Converter:
         self.moved: list[str] = []
         self.missing: list[str] = []
         self.dropped: list[str] = []
+        #: Whether both definitions have the same fields in the same order, so that nothing has to be converted.
+        self.identical = True
         self._compare(name, "")
-
-    @property
-    def identical(self) -> bool:
-        """Whether both definitions have the same fields in the same order, so that nothing has to be converted."""
-        return self._same(self._name)
 
     def convert(self, message: Decoded) -> bytes:
         """Return a decoded message of the bag, serialised by the definition installed. Raises BagError."""
@@ -259,16 +256,11 @@ class Converter:
         except (ValueError, TypeError, AssertionError) as error:
             raise BagError(f"a message of type {self._name} cannot be converted: {error}") from None
 
-    def _same(self, name: str) -> bool:
-        ours, theirs = self._installed[name], self._recorded.fields(name)
-        return list(ours.items()) == list(theirs.items()) and all(
-            map(self._same, filter(None, map(_inner, ours.values())))
-        )
-
     def _compare(self, name: str, path: str) -> None:
         """Collect what differs in the type `name`, which stands at `path` of the message."""
         recorded = self._recorded.fields(name)
         installed = self._installed[name]
+        self.identical &= list(installed.items()) == list(recorded.items())
         absent = [field for field in installed if field not in recorded]
         self.moved += [field for field in absent if field == _MOVED.get(name)]
         self.missing += [f"{path}{field}" for field in absent if field != _MOVED.get(name)]
@@ -313,9 +305,7 @@ def _inner(described: Described) -> str:
 def _words(described: Described) -> str:
     """Return a field's type as a message file writes it."""
     kind, rest = described
-    if kind == Nodetype.BASE:
-        return str(rest[0])
-    if kind == Nodetype.NAME:
-        return str(rest)
+    if kind in (Nodetype.BASE, Nodetype.NAME):
+        return str(rest if kind == Nodetype.NAME else rest[0])
     element, count = rest
     return f"{_words(element)}[{count or ''}]"

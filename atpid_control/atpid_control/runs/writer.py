@@ -208,7 +208,7 @@ class BagWriter:
         self.folder, self._run = folder, run
         self._chunk, self._compression, self._open_sink = chunk, COMPRESSIONS[compression], sink
         self._split = split or Split()
-        self._closed = False
+        self.closed = False
         self._flush = Flush()
         self._files = dict(run.files)  # kept in every file of the bag, each of which can be read alone
         self._types: dict[str, int] = {}
@@ -322,7 +322,7 @@ class BagWriter:
 
     def close(self, result: Mapping[str, str] | None = None) -> None:
         """Write `result` and the index, then metadata.yaml; twice does nothing. Raises BagError."""
-        if self._closed:
+        if self.closed:
             self._sink.close()
             return
         try:
@@ -336,7 +336,7 @@ class BagWriter:
                 metadata.write(self.folder, self.summary, {**self._run.record(), **(result or {})})
         finally:
             self._sink.close()
-            self._closed = True
+            self.closed = True
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -344,7 +344,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            self._closed = True
+            self.closed = True
             self._flush.abandon()
             self._sink.close()
             raise BagError(
