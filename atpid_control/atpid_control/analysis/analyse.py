@@ -96,9 +96,8 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "",
     known = np.isfinite(signals.excitation).any()
     shape = window if window not in ("", "local") else "hann"
     values = (signals.excitation if known else np.zeros(len(signals.response)), signals.response)
-    made = [
-        spectrum(one, signals.rate, resolution, shape, unit) for one, unit in zip(values, signals.units, strict=True)
-    ]
+    channels = zip(values, signals.units, strict=True)
+    made = [spectrum(one, signals.rate, resolution, shape, unit) for one, unit in channels]
     skipped: dict[str, str] = {}
     decay_at = find_decay(signals.excitation, signals.response, signals.rate)
 

@@ -86,9 +86,8 @@ def free_decay(beam: Array, rate: float, start: float = 0.0) -> Decay:
     guess = _guess(beam, rate)
     periods = guess[1] * time[-1] / (2.0 * math.pi)
     if periods < _FEWEST:
-        raise AnalysisError(
-            f"the decay lasts {periods:.2g} periods; needed: {_FEWEST:g}; choose a part with --from, --to"
-        )
+        needed = f"needed: {_FEWEST:g}; choose a part with --from, --to"
+        raise AnalysisError(f"the decay lasts {periods:.2g} periods; {needed}")
     try:
         found, covariance = curve_fit(_model, time, beam, guess, maxfev=5000)
     except RuntimeError:

@@ -211,9 +211,8 @@ def _swept(
 ) -> FrequencyResponse:
     """Return the response by local models, which is one estimate: no noise is taken for input's or output's."""
     if not len(lines):
-        raise AnalysisError(
-            "the excitation passes once, too short for a response; give --window hann, or a longer part"
-        )
+        advice = "give --window hann, or a longer part"
+        raise AnalysisError(f"the excitation passes once, too short for a response; {advice}")
     (turned,), none, every = _in_time(signals, lines, h), np.zeros(len(lines)), np.full(len(lines), True)
     known = coherence, every, _FREEDOM + 1.0, none, int(np.argmax(density)), deviation
     return FrequencyResponse(lines, turned, turned, *known, signals.clock_error, len(signals.response) - used)

@@ -67,9 +67,8 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     given, _, _, _ = _fit(time, signals.excitation, frequency, 1)
     found, residual, used, offset = _fit(time, signals.response, frequency, count)
     if not abs(given[0]) > 0.0 or not abs(found[0]) > 0.0:
-        raise AnalysisError(
-            "no excitation: nothing moves at one frequency in this part; choose it with --from and --to"
-        )
+        advice = "choose it with --from and --to"
+        raise AnalysisError(f"no excitation: nothing moves at one frequency in this part; {advice}")
     turns = np.angle(given[0]) + 2.0 * math.pi * frequency * signals.delay
     turned = found * np.exp(-1j * turns * np.arange(1, count + 1))
     parts = slice(0, len(time) // 2), slice(len(time) // 2, len(time))

@@ -56,9 +56,8 @@ class Signals:
         last = len(self.response) if math.isinf(end) else math.floor((end - self.start) * self.rate + 1e-6) + 1
         if not first < min(last, len(self.response)):
             until = self.start + self.duration
-            raise AnalysisError(
-                f"--from {begin:g} --to {end:g}: allowed: rising times from {self.start:g} to {until:g} s"
-            )
+            allowed = f"rising times from {self.start:g} to {until:g} s"
+            raise AnalysisError(f"--from {begin:g} --to {end:g}: allowed: {allowed}")
         excitation, response = self.excitation[first:last], self.response[first:last]
         return replace(self, excitation=excitation, response=response, start=self.start + first / self.rate)
 
@@ -74,10 +73,10 @@ def signals_of(run: Run, given: str = "", measured: str = BEAM, *, both: bool = 
     units = excitation.unit, response.unit
     error = math.hypot(excitation.clock_error, response.clock_error)
     delay, values, names = response.skew - excitation.skew, (excitation.values, response.values), (given, measured)
-    made = Signals(
+    own = Signals(
         response.rate, *values, units, names, response.time0, response.origin, response.start_ns, delay, error
     )
-    return made, [*run.missing, *response.others]
+    return own, [*run.missing, *response.others]
 
 
 def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

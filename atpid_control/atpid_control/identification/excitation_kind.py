@@ -66,9 +66,8 @@ class OtherExcitation:
     def sentence(self, unit: str) -> str:
         """Return what it is, and what follows; unit: of the amplitudes."""
         if self.kind == "shock":
-            return (
-                f"a shock of {self.amplitudes[0]:.3g} {unit} that lasted {self.lasted:.2g} s: no tone, no height for it"
-            )
+            what = f"a shock of {self.amplitudes[0]:.3g} {unit} that lasted {self.lasted:.2g} s"
+            return f"{what}: no tone, no height for it"
         if self.kind == "random":
             what = f"a random signal excites the structure, {self.amplitudes[0]:.3g} {unit} RMS"
         else:

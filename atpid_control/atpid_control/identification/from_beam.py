@@ -94,13 +94,9 @@ class ModelInverse:
         inverse = self._beam.inverse(omega, growth)
         chance, model = self._errors(beam, abs(inverse))
         amplitude = beam.amplitude * abs(inverse)
-        support = replace(
-            beam,
-            amplitude=amplitude,
-            amplitude_std=amplitude * math.hypot(chance, model),
-            phase=math.remainder(beam.phase + cmath.phase(inverse), 2.0 * math.pi),
-            phase_std=math.hypot(beam.phase_std, chance, model),
-        )
+        phase = math.remainder(beam.phase + cmath.phase(inverse), 2.0 * math.pi)
+        moved = replace(beam, phase=phase, phase_std=math.hypot(beam.phase_std, chance, model))
+        support = replace(moved, amplitude=amplitude, amplitude_std=amplitude * math.hypot(chance, model))
         return replace(support, quality=self._steadiness(support, amplitude * chance))
 
     def _errors(self, beam: Estimate, gain: float) -> tuple[float, float]:
@@ -122,19 +118,16 @@ class ModelInverse:
         )
         softer, stiffer = (replace(closed, stiffness=closed.stiffness * (1.0 + s * stiffness)) for s in (-1, 1))
         freer, damped = (replace(closed, damping=closed.damping * (1.0 + s * damping)) for s in (-1, 1))
-        model = math.hypot(
-            off((softer, omega, growth), (stiffer, omega, growth)), off((freer, omega, growth), (damped, omega, growth))
-        )
-        return chance, model
+        by_stiffness = off((softer, omega, growth), (stiffer, omega, growth))
+        return chance, math.hypot(by_stiffness, off((freer, omega, growth), (damped, omega, growth)))
 
     def _steadiness(self, support: Estimate, chance: float) -> Quality:
         """Steady, if the support's estimates agree over a whole window, even while the beam is transient."""
         while self._past and self._past[0][0] < support.time - support.window:
             self._past.popleft()
         whole = bool(self._past) and self._past[0][0] <= support.time - 0.8 * support.window
-        same = all(
-            abs(amplitude - support.amplitude) <= _AGREE * math.hypot(chance, std) for _, amplitude, std in self._past
-        )
+        off = ((abs(amplitude - support.amplitude), math.hypot(chance, std)) for _, amplitude, std in self._past)
+        same = all(difference <= _AGREE * std for difference, std in off)
         self._past.append((support.time, support.amplitude, chance))
         if support.quality == Quality.POOR:
             return Quality.POOR

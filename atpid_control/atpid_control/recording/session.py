@@ -55,9 +55,8 @@ class StampOrder:
 
     def add(self, topic: str, stamp_ns: int, node: str, data: bytes) -> None:
         """Take one message."""
-        heapq.heappush(
-            self._held, _UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
-        )
+        message = _UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
+        heapq.heappush(self._held, message)
         if topic in self._loop:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
 

@@ -75,9 +75,8 @@ def trigger_of(text: str, topics: list[Topic], **settings: Any) -> Trigger | Non
     if not math.isfinite(found.level):
         raise BagError(f"parameter trigger_level: given {found.level}; allowed: a number, in the unit of the signal")
     if topic.type != BLOCK:
-        numbers = [
-            name for name, described in decoder_of(topic.type).fields(topic.type).items() if _is_number(described)
-        ]
+        fields = decoder_of(topic.type).fields(topic.type)
+        numbers = [name for name, described in fields.items() if _is_number(described)]
         if found.signal not in numbers:
             allowed = ", ".join(numbers) or "none of its fields is a number"
             raise BagError(f"parameter trigger: {topic.name} has no number {found.signal!r}; allowed: {allowed}")

@@ -179,11 +179,10 @@ class _Check(Pass):
         elif not self.ended:
             self.ended = "stopped before a source had finished"
         for name, stream in self.scans.items():
-            if self.result.get(f"lost_scans {name}", str(stream.lost)) != str(stream.lost):
-                counted = self.result[f"lost_scans {name}"]
-                self.findings.add(
-                    "lost", f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
-                )
+            counted = self.result.get(f"lost_scans {name}", str(stream.lost))
+            if counted != str(stream.lost):
+                text = f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
+                self.findings.add("lost", text)
         if not self.answers.answered and not self.findings.counts and IMPORTED not in self.run:
             self.findings.add("end", "there is no answered block in this bag")
         events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]

@@ -27,9 +27,8 @@ def as_put_out(scene: Scene, messages: Callable[[str], Columns]) -> Scene:
         return scene
     late = fields["scans"] / fields["rate"] if "scans" in fields else 0.0  # a block's value is that of its end
     time, amplitude, frequency = fields[TIME] + late, fields[f"{prefix}amplitude"], fields[f"{prefix}frequency"]
-    usable = (
-        (np.diff(np.concatenate(([-1.0], time))) > 0.0) & (time > 0.0) & np.isfinite(amplitude) & np.isfinite(frequency)
-    )
+    rising = (np.diff(time, prepend=-1.0) > 0.0) & (time > 0.0)
+    usable = rising & np.isfinite(amplitude) & np.isfinite(frequency)
     time, amplitude, frequency = time[usable], amplitude[usable], frequency[usable]
     on = (amplitude > 0.0) & (frequency > 0.0)
     if not on.any():

@@ -26,9 +26,8 @@ Described: TypeAlias = tuple[Nodetype, Any]
 Fields: TypeAlias = dict[str, Described]
 
 _SEPARATOR = "=" * 80
-_PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"} | {
-    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
-}
+_INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_PRIMITIVES = _INTEGERS | {"bool", "byte", "char", "string", "wstring", "float32", "float64"}
 _FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+\w+(?!\w|\s*=)")  # not a constant
 _HANDSHAKE = re.compile(r"^std_msgs/Header +header\b.*\nbool +handshake\b", re.MULTILINE)
 
@@ -68,9 +67,8 @@ def split_name(name: str) -> tuple[str, str]:
     """Return package and message of "pkg/msg/Name"; raise TypeUnknownError for anything else."""
     parts = name.split("/")
     if len(parts) != 3 or parts[1] != "msg" or not all(parts):
-        raise TypeUnknownError(
-            f"message type: given {name!r}; allowed: pkg/msg/Name, as `ros2 interface list` prints it"
-        )
+        allowed = "pkg/msg/Name, as `ros2 interface list` prints it"
+        raise TypeUnknownError(f"message type: given {name!r}; allowed: {allowed}")
     return parts[0], parts[2]
 
 
@@ -82,13 +80,11 @@ def _file_of(name: str, suffix: str) -> Path:
     try:
         path = Path(get_package_share_directory(package)) / "msg" / f"{message}{suffix}"
     except (LookupError, OSError):
-        raise TypeUnknownError(
-            f"message type {name}: the package {package} is not in this shell: source its workspace"
-        ) from None
+        what = f"the package {package} is not in this shell: source its workspace"
+        raise TypeUnknownError(f"message type {name}: {what}") from None
     if not path.is_file():
-        raise TypeUnknownError(
-            f"message type {name}: {package} has no such message; look at `ros2 interface package {package}`"
-        )
+        what = f"{package} has no such message; look at `ros2 interface package {package}`"
+        raise TypeUnknownError(f"message type {name}: {what}")
     return path
 
 
@@ -146,9 +142,8 @@ class Decoder:
         if schema.id in self._schemas:
             return
         if schema.encoding != "ros2msg":
-            raise BagError(
-                f"schema {schema.name}: encoding {schema.encoding!r}; allowed: ros2msg, as recorder_node writes it"
-            )
+            allowed = "ros2msg, as recorder_node writes it"
+            raise BagError(f"schema {schema.name}: encoding {schema.encoding!r}; allowed: {allowed}")
         try:
             store = _store_of(schema.name, schema.data)
             self._fields = {**store.fielddefs, **self._fields}
@@ -269,12 +264,9 @@ class Converter:
             if field not in recorded:
                 continue
             if recorded[field] != described:
-                raise BagError(
-                    f"field {path}{field} of {name} was recorded as {_words(recorded[field])}, installed is "
-                    f"{_words(described)}"
-                )
-            inner = _inner(described)
-            if inner:
+                before, now = _words(recorded[field]), _words(described)
+                raise BagError(f"field {path}{field} of {name} was recorded as {before}, installed is {now}")
+            if inner := _inner(described):
                 self._compare(inner, f"{path}{field}.")
 
     def _filled(self, name: str, recorded: Decoded) -> Decoded:

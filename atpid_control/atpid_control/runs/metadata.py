@@ -87,9 +87,8 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise BagError(
-            f"{path}: given as configuration to record, but cannot be read ({error.strerror}); give an existing file"
-        ) from None
+        what = f"given as configuration to record, but cannot be read ({error.strerror}); give an existing file"
+        raise BagError(f"{path}: {what}") from None
 
 
 _FOREVER_NS = 9_223_372_036_854_775_807

@@ -37,10 +37,8 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         convert = f"`rosbags-convert --src {path} --dst NEW` writes a bag that is not"
         raise BagError(f"{packed[0]}: compressed as a file by rosbag2; {convert}")
     if not files:
-        raise BagError(
-            f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give a bag's folder, or that of the "
-            "run with it"
-        )
+        what = "not a bag, there is no .mcap or .db3 file in this folder"
+        raise BagError(f"{path}: {what}; give a bag's folder, or that of the run with it")
     begins = {file: _begin(file) for file in files}
     for file, begin in begins.items():
         if not (begin in (MAGIC, SQLITE[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
@@ -104,8 +102,7 @@ def check_listed(folder: Path, files: Iterable[Path], listed: Listed) -> None:
     """Raise BagError unless metadata.yaml lists the files that are there: none missing, none of another recording."""
     there = {file.name for file in files}
     if missing := sorted(listed.files - there):
-        raise BagError(
-            f"{folder}: {missing[0]}, which metadata.yaml lists, is missing; put it back, or `atpid bag recover`"
-        )
+        what = "which metadata.yaml lists, is missing; put it back, or `atpid bag recover`"
+        raise BagError(f"{folder}: {missing[0]}, {what}")
     if others := sorted(there - listed.files):
         raise BagError(f"{folder}: {others[0]} is not listed in metadata.yaml; take it out, or `atpid bag recover`")

@@ -127,9 +127,8 @@ class _Copy:
             self._file(file, place, self._folder / name, summary, last=files[-1] == file)
         lost = self._lost(files)
         stated = "; ".join(lost)[:_MOST_STATED] or "nothing"
-        metadata.write(
-            self._folder, summary, {**self._run, "repaired": "index and metadata.yaml written anew", "lost": stated}
-        )
+        own = {"repaired": "index and metadata.yaml written anew", "lost": stated}
+        metadata.write(self._folder, summary, self._run | own)
         return lost
 
     def _lost(self, files: list[Path]) -> list[str]:
@@ -193,9 +192,8 @@ class _Ids:
             self._writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             self._summary.add(topic, record.log_time)
         elif isinstance(record, Attachment):
-            self._writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, record.data
-            )
+            times = record.create_time, record.log_time
+            self._writer.add_attachment(*times, record.name, record.media_type, record.data)
 
     def _add_channel(self, record: Channel) -> None:
         schema = self._schemas[record.schema_id]

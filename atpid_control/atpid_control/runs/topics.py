@@ -72,9 +72,8 @@ def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
         unknown = [option for option in options if option not in _OPTIONS]
         if not kind or unknown or name in topics:
             problem = "given twice" if name in topics else f"given {entry!r}"
-            raise BagError(
-                f"parameter topics: {problem}; allowed: 'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
-            )
+            allowed = f"'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
+            raise BagError(f"parameter topics: {problem}; allowed: {allowed}")
         message_type(kind)
         if not (lockstep and kind in _BY_CLOCK):
             topics[name] = Topic(name, kind, "best_effort" in options, "transient_local" in options)

@@ -95,9 +95,8 @@ def check_new(folder: Path) -> None:
         raise BagError(f"{folder}: exists already, and a bag is never written over; choose another folder or remove it")
     parent = next(path for path in folder.absolute().parents if path.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise BagError(
-            f"{folder}: cannot make the bag, {parent} is not a folder one may write to; choose another folder"
-        )
+        what = f"{parent} is not a folder one may write to; choose another folder"
+        raise BagError(f"{folder}: cannot make the bag, {what}")
 
 
 def _write_all(file: int, data: bytes) -> None:
