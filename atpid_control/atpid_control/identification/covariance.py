@@ -16,18 +16,9 @@ either. The estimate is then that of the window's end.
 import numpy as np
 
 from atpid_control.identification import columns as col
+from atpid_control.identification import linear
 from atpid_control.identification.choice import FLOOR, Flags, best_group, chosen_columns, residual_of
-from atpid_control.identification.linear import (
-    Indices,
-    compiled,
-    dot,
-    explained,
-    factor,
-    gram,
-    inverse_corner,
-    least_squares,
-    substitute,
-)
+from atpid_control.identification.linear import Indices, compiled, dot, explained, factor, gram, least_squares
 from atpid_sim.system import Array
 
 #: Least number of blocks in which a window is averaged; memories of the noise in blocks, its variance over the white's.
@@ -66,7 +57,7 @@ def _widening(
         plain &= memory * turns <= last.size or share < _ALONE
         for k in range(factors.size):
             weights = gradients[k].copy()
-            substitute(lower, size, weights)
+            linear.substitute(lower, size, weights)
             past, joint, own = 0.0, 0.0, 0.0
             for j in range(last.size):
                 effect = 0.0
@@ -164,7 +155,7 @@ def report(out: Array, columns: Array, y: Array, tone: Array, scale: float, cent
     if n <= chosen.size or not factor(matrix, chosen, lower):
         return
     variance = dot(left, left) / (n - chosen.size)
-    c = inverse_corner(lower, chosen.size, 4)
+    c = linear.inverse_corner(lower, chosen.size, 4)
     amplitude = np.hypot(a, b)
     if not amplitude > 0.0:
         return
@@ -230,7 +221,7 @@ def _slope(columns: Array, left: Array, active: Flags, variance: float) -> tuple
     independent, solution, lower = least_squares(columns, chosen, left)
     if not independent:
         return 0.0, np.inf
-    return solution[0], np.sqrt(variance * inverse_corner(lower, chosen.size, 1)[0, 0])
+    return solution[0], np.sqrt(variance * linear.inverse_corner(lower, chosen.size, 1)[0, 0])
 
 
 @compiled

@@ -17,7 +17,7 @@ from atpid_control.recording.trigger import PreTrigger, Trigger
 from atpid_control.runs.decode import is_handshake, message_type
 from atpid_control.runs.errors import MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
-from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, block_shape, event, stamp, truth_shape
+from atpid_control.runs.topics import BLOCK, EVENT, BlockShape, Topic, block_shape, event, shape_of, stamp
 from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
 
 #: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
@@ -192,13 +192,13 @@ class RecordingSession:
     def _follow(self, topic: Topic, stamp_ns: int, data: bytes) -> int:
         """Follow the progress of the run; return how many scans are missing."""
         missing, reached, now = 0, stamp_ns, time.monotonic()
-        if topic.type == BLOCK:
-            shape = _checked(block_shape(data))
+        if shape := shape_of(topic.type, data):
+            if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
+                raise MessageError(reason)
+            reached = stamp_ns + round(shape.scans / shape.rate * 1e9)  # after its last scan
+        if shape and topic.type == BLOCK:
             self._sampled = self._sampled or now
             missing = self.continuity[topic.name].add(shape)
-            reached = _end_of(shape, stamp_ns)
-        elif topic.type == TRUTH:
-            reached = _end_of(_checked(truth_shape(data)), stamp_ns)
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, stamp_ns
@@ -294,18 +294,6 @@ class RecordingSession:
             self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic))
         self.writer.write(topic, data, log_ns, publish_ns)
         self.written[topic] += 1
-
-
-def _checked(shape: BlockShape) -> BlockShape:
-    """Return `shape`; raise MessageError where its scans have no place in time."""
-    if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
-        raise MessageError(reason)
-    return shape
-
-
-def _end_of(shape: BlockShape, stamp_ns: int) -> int:
-    """Return the instant after the last scan of a block [ns]."""
-    return stamp_ns + round(shape.scans / shape.rate * 1e9)
 
 
 class DiskWatch:

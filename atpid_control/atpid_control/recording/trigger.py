@@ -12,17 +12,7 @@ from numpy.typing import NDArray
 
 from atpid_control.runs.decode import Decoded, Described
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.topics import (
-    BLOCK,
-    EVENT,
-    TRANSITION,
-    TRUTH,
-    BlockShape,
-    Topic,
-    block_shape,
-    decoder_of,
-    truth_shape,
-)
+from atpid_control.runs.topics import BLOCK, EVENT, TRANSITION, BlockShape, Topic, decoder_of, shape_of
 
 EDGES = ("rising", "falling", "either")
 #: Events and transitions from before the pre-trigger time that are kept: what publishers of `events` keep, too.
@@ -114,7 +104,7 @@ class PreTrigger:
 
     def push(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> list[_WaitingMessage]:
         """Take a message; return those to be recorded now, in their order."""
-        shape = _shape(self._types[topic], data)
+        shape = shape_of(self._types[topic], data)
         last = publish_ns if shape is None else publish_ns + round(max(0, shape.scans - 1) / shape.rate * 1e9)
         one = _WaitingMessage(topic, data, log_ns, publish_ns, last)
         if self.fired is not None:
@@ -194,12 +184,6 @@ def _crossings(values: NDArray[np.float64], trigger: Trigger) -> NDArray[np.bool
     rising = (before < level) & (after >= level)
     falling = (before > level) & (after <= level)
     return {"rising": rising, "falling": falling}.get(trigger.edge, rising | falling)
-
-
-def _shape(kind: str, data: bytes) -> BlockShape | None:
-    if kind == BLOCK:
-        return block_shape(data)
-    return truth_shape(data) if kind == TRUTH else None
 
 
 def _is_number(described: Described) -> bool:

@@ -14,25 +14,11 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from atpid_common.vocabulary import DRIVES, Drive
+from atpid_control.runs import tables as of_tables
 from atpid_control.runs.decode import Decoded, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.read import Contents, kind_of, reason_to_leave_out
-from atpid_control.runs.tables import (
-    INDEX,
-    RECEIVED,
-    STAMP,
-    TEXT,
-    TIME,
-    Column,
-    Leaf,
-    Piece,
-    Table,
-    Values,
-    comments,
-    common,
-    has_header,
-    leaves,
-)
+from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TEXT, TIME, Column, Leaf, Piece, Table, Values
 from atpid_sim.system import Array
 
 #: Longest gap inside a segment [s]; all of its gaps together may be as long, and this many times its samples besides.
@@ -204,15 +190,17 @@ class Source(Contents):
             same = sum(topic == channel.topic for topic, _, _ in self._topics)
             own = channel.topic.strip("/") + (f"_definition_{same + 1}" if same else "")
             series = _SAMPLED.get(kind_of(name), ())
-            known = comments(definition.decode(errors="replace"))
+            known = of_tables.comments(definition.decode(errors="replace"))
             for field in known.keys() & _OF_DRIVE.get(kind_of(name), ()):
                 known[field] = self._drive.unit, known[field][1]
-            fields = [leaf for leaf in leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series]
+            fields = [
+                leaf for leaf in of_tables.leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series
+            ]
             samples = _Samples(own, channel.topic, name, known, self.start_ns) if series else None
             scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []
-            columns = (*common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in fields))
+            columns = (*of_tables.common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in fields))
             table = Table(own + ("_blocks" if series else ""), channel.topic, name, columns)
-            stamped = has_header(self.decoder, channel.schema_id)
+            stamped = of_tables.has_header(self.decoder, channel.schema_id)
             self._topics[key] = _Topic(kind_of(name), stamped, fields, table, samples, self.start_ns, [])
         return self._topics[key]
 
@@ -226,7 +214,7 @@ def _first_sample(path: Path) -> tuple[int, Drive]:
         kind, message = kind_of(bag.types[channel.topic]), bag.decoder.decode(channel.schema_id, record.data)
         if reason_to_leave_out(kind, message):
             continue
-        stamp = stamp_of(message) if has_header(bag.decoder, channel.schema_id) else record.log_time
+        stamp = stamp_of(message) if of_tables.has_header(bag.decoder, channel.schema_id) else record.log_time
         if kind in _SAMPLED and scans_of(message):
             sampled = stamp if sampled is None else sampled
             channels = getattr(message, "channels", ())
@@ -290,7 +278,7 @@ class _Samples:
             return
         if segment.number == len(self.tables):
             name = self._name + (f"_{segment.number + 1}" if segment.number else "")
-            columns = (*common(TIME, STAMP, INDEX), *self._channels(block))
+            columns = (*of_tables.common(TIME, STAMP, INDEX), *self._channels(block))
             known = segment.rate, segment.offset, segment.jump, segment.first
             self.tables.append(Table(name, self._topic, self._type, columns, *known))
         table, first, step = self.tables[segment.number], int(block.first_index), 1e9 / segment.rate

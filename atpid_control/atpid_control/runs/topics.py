@@ -116,10 +116,12 @@ def block_shape(data: bytes) -> BlockShape:
     return BlockShape(block.first_index, block.rate, values // channels)
 
 
-def truth_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for an invalid one."""
-    truth = _decoded(TRUTH, data)
-    return BlockShape(truth.first_index, truth.rate, len(truth.support))
+def shape_of(kind: str, data: bytes) -> BlockShape | None:
+    """Return which scans a message of type `kind` holds, None: it is none of samples; raise MessageError: invalid."""
+    if kind == BLOCK:
+        return block_shape(data)
+    truth = _decoded(TRUTH, data) if kind == TRUTH else None
+    return truth and BlockShape(truth.first_index, truth.rate, len(truth.support))
 
 
 def event(data: bytes) -> _Sent:
