@@ -42,13 +42,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         top = self.analysis_rate / 8.0
+        highest = f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz"
         limits = {
             "window_periods": (self.window_periods >= 1.0, "at least 1"),
             "lowest_frequency": (0.0 < self.lowest_frequency < math.inf, "above 0 Hz"),
-            "highest_frequency": (
-                self.lowest_frequency < self.highest_frequency <= top,
-                f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz",
-            ),
+            "highest_frequency": (self.lowest_frequency < self.highest_frequency <= top, highest),
             "mains_frequency": (self.mains_frequency >= 0.0, "0 (none) or above"),
             "least_amplitude": (self.least_amplitude >= 0.0, "at least 0"),
             "change": (0.0 < self.change < 1.0, "between 0 and 1"),

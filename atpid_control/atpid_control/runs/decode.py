@@ -46,19 +46,19 @@ class MessageType:
 @cache
 def message_type(name: str) -> MessageType:
     """Return the type `name` ("pkg/msg/Name") of an installed package; raise TypeUnknownError where there is none."""
-    text = _text_of(name)
+    text = _text_of(name, ".msg")
     parts, seen, waiting = [text], {name}, list(_inside(name, text))
     while waiting:
         inner = waiting.pop(0)
         if inner in seen:
             continue
         seen.add(inner)
-        inner_text = _text_of(inner)
+        inner_text = _text_of(inner, ".msg")
         parts += [_SEPARATOR, f"MSG: {inner.replace('/msg/', '/')}", inner_text]
         waiting += _inside(inner, inner_text)
     has_header = next(_inside(name, text, all_fields=True), "") == "std_msgs/msg/Header"
     has_handshake = has_header and _HANDSHAKE.search(text) is not None
-    described = json.loads(_file_of(name, ".json").read_text(encoding="utf-8"))
+    described = json.loads(_text_of(name, ".json"))
     type_hash = next(str(entry["hash_string"]) for entry in described["type_hashes"] if entry["type_name"] == name)
     return MessageType(name, "\n".join(parts), type_hash, has_header, has_handshake)
 
@@ -72,7 +72,7 @@ def split_name(name: str) -> tuple[str, str]:
     return parts[0], parts[2]
 
 
-def _file_of(name: str, suffix: str) -> Path:
+def _text_of(name: str, suffix: str) -> str:
     # imported here: reading a bag needs neither ROS nor a workspace
     from ament_index_python.packages import get_package_share_directory
 
@@ -85,11 +85,7 @@ def _file_of(name: str, suffix: str) -> Path:
     if not path.is_file():
         what = f"{package} has no such message; look at `ros2 interface package {package}`"
         raise TypeUnknownError(f"message type {name}: {what}")
-    return path
-
-
-def _text_of(name: str) -> str:
-    return _file_of(name, ".msg").read_text(encoding="utf-8")
+    return path.read_text(encoding="utf-8")
 
 
 def _inside(name: str, text: str, all_fields: bool = False) -> Iterator[str]:

@@ -20,7 +20,6 @@ from atpid_control.runs.parts import Listed, check_listed, find_parts, read_meta
 from atpid_control.runs.records import channel_of, records, renumbered
 
 _OURS = "atpid_interfaces/msg/"
-_ADVICE = "`atpid bag recover {}` writes a whole bag"
 
 
 class Contents:
@@ -114,7 +113,7 @@ class Contents:
                 ends.add(type(record))
             if self._torn_ok and Footer not in ends:
                 ending = self._ending(self._counts.total() - before, DataEnd in ends)
-                self._torn.append(f"{file}: {ending}; {_ADVICE.format(self.path)}")
+                self._torn.append(f"{file}: {ending}; `atpid bag recover {self.path}` writes a whole bag")
 
     def _describe(self, channel: Channel) -> None:
         """Take the type of a topic; one whose messages cannot be decoded is left out."""

@@ -46,25 +46,15 @@ class BoundedFile:
         self._stream = stream
         self.size = stream.seek(0, SEEK_END)
         stream.seek(0)
+        #: As a file does; it can be sought, so that the index can be used.
+        self.seek, self.tell, self.seekable = stream.seek, stream.tell, stream.seekable
 
     def read(self, length: int = -1) -> bytes:
         """Return exactly `length` bytes, or the rest; raise ValueError where there are not as many."""
-        place = self._stream.tell()
+        place = self.tell()
         if length > max(0, self.size - place):
             raise ValueError(f"{length} bytes are needed from byte {place} on, and the file ends at {self.size}")
         return self._stream.read(length)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Move as a file does."""
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Return where the next byte is read."""
-        return self._stream.tell()
-
-    def seekable(self) -> bool:
-        """Return True: the index can be used."""
-        return True
 
 
 def renumbered(record: McapRecord, place: int) -> McapRecord:
