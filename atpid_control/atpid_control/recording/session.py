@@ -132,8 +132,8 @@ class RecordingSession:
         self.waiting = PreTrigger(writing.trigger, topics) if writing.trigger else None
         self._recorded = {name: _Continuity() for name in self.continuity}  # scans written, after a trigger
         self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
-        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
-                                split=writing.split)  # fmt: skip
+        form, split = writing.compression, writing.split
+        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=form, sink=sink, split=split)
 
     @property
     def recording(self) -> bool:

@@ -88,12 +88,11 @@ class Table:
 
     def about(self) -> Document:
         """Return what is not in the columns, as plain values."""
-        return {
-            "topic": self.topic, "type": self.type, **({} if self.rate is None else {"rate": self.rate}),
-            "lost": self.lost, "gap_first_index": [first for first, _ in self.gaps],
-            "gap_samples": [count for _, count in self.gaps],
-            "left_out": self.left_out.total(), "left_out_reasons": sorted(self.left_out),
-        }  # fmt: skip
+        rate = {} if self.rate is None else {"rate": self.rate}
+        firsts, counts = ([gap[place] for gap in self.gaps] for place in (0, 1))
+        gaps = {"lost": self.lost, "gap_first_index": firsts, "gap_samples": counts}
+        left_out = {"left_out": self.left_out.total(), "left_out_reasons": sorted(self.left_out)}
+        return {"topic": self.topic, "type": self.type, **rate, **gaps, **left_out}
 
 
 @dataclass(frozen=True)
@@ -113,10 +112,8 @@ _UNIT = re.compile(r"\[([^\]\s]{1,12})\]")
 _HEADER = "std_msgs/msg/Header"
 #: Never recorded as true.
 _HANDSHAKE = "handshake"
-_NUMBERS = {
-    "bool": np.bool_, "byte": np.uint8, "char": np.uint8, "float32": np.float32, "float64": np.float64,
-    **{f"{sign}int{bits}": getattr(np, f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
-}  # fmt: skip
+_NUMBERS = {f"{sign}int{bits}": getattr(np, f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_NUMBERS |= {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "float32": np.float32, "float64": np.float64}
 
 
 def comments(definition: str) -> dict[str, tuple[str, str]]:
