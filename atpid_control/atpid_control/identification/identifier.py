@@ -16,12 +16,7 @@ from atpid_control.identification.estimate import ACCELERATION, Estimate, Identi
 from atpid_control.identification.excitation_kind import ExcitationWatch, OtherExcitation
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import SineFit, fit_sine
-from atpid_control.identification.window import (
-    SampleBuffer,
-    seed_frequency,
-    smoothed_half_peak_to_peak,
-    without_clipping,
-)
+from atpid_control.identification.window import SampleBuffer, seed_frequency, smoothed_half_range, without_clipping
 from atpid_sim.system import Array
 
 _TAU = 2.0 * math.pi
@@ -334,4 +329,4 @@ class Identifier:
         if math.isnan(frequency):
             return math.nan
         signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
-        return smoothed_half_peak_to_peak(signal, buffer.step, frequency)
+        return smoothed_half_range(signal, buffer.step, frequency)

@@ -95,7 +95,7 @@ def without_clipping(signal: Array, saturation: tuple[float, float] | None) -> A
     return clean
 
 
-def smoothed_half_peak_to_peak(signal: Array, step: float, frequency: float) -> float:
+def smoothed_half_range(signal: Array, step: float, frequency: float) -> float:
     """Return half the range of `signal` (n,), `step` [s] apart, NaN where nothing is left of it.
 
     Noise widens a range of hundreds of samples by several standard deviations, so the signal is averaged over a

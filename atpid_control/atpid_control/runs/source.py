@@ -64,7 +64,7 @@ class Segments:
     """The segments of one topic, as its blocks come: the one rule of all readers for gaps and jumps.
 
     A gap of at most a minute belongs to its segment, and readers fill it with NaN, as long as the gaps of a segment are
-    not many times what is there. Any other step of the index, ahead or back, begins another segment, as do another rate
+    not many times what is there. A step of the index beyond that, ahead or back, begins another one, as do another rate
     and other channels: the work a bag takes grows with the samples in it, whatever their indices are.
     """
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import mkstemp
-from typing import IO, Any, cast
+from typing import IO, cast
 
 import yaml
 from mcap.data_stream import RecordBuilder
@@ -227,7 +227,7 @@ class BagWriter:
         """Open the file that comes last in the summary and write what it needs to be read alone. Raises OSError."""
         self._sink = self._open_sink(self.folder / self.summary.files[-1].name)
         self._writer = Writer(
-            cast(IO[Any], self._sink),
+            cast(IO[bytes], self._sink),
             chunk_size=self._chunk,
             compression=self._compression,
             enable_crcs=True,
