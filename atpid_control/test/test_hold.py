@@ -127,7 +127,7 @@ def test_contradictory_settings_are_refused_in_one_line() -> None:
     bad = {"dead_band": (-0.1, math.nan), "steady_count": (0,), "rising_count": (1,), "frequency": (math.nan,)}
     for name, values in bad.items():
         for value in values:
-            with pytest.raises(HoldError, match=rf"^{name}: given {value}; allowed: [^\n]*$"):
+            with pytest.raises(HoldError, match=rf"^{name}: given {value}.*; allowed: [^\n]*$"):
                 hold(**{name: value})
 
 

@@ -8,17 +8,15 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from atpid_common.parameters import Value
 from atpid_control import identification
 from atpid_control.loop.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings, SteadyTwin
 from atpid_control.loop.hold import HoldSettings, StepBack
-from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.selection import HeightSelector, Options, make_selector
 from atpid_control.selection.protocol import reach_of
 from atpid_sim.scene import Scene
 
-#: The value of a parameter; raises a ValueError of ours where the parameter file has none.
-Value = Callable[[str], Any]
 S = TypeVar("S")
 
 
@@ -41,15 +39,9 @@ def control_settings(value: Value, frequency: float, selector: HeightSelector | 
     """
     reach = None if selector is None else reach_of(selector)
     return ControlSettings(
-        hold=_read(HoldSettings, value, frequency=frequency, reach=reach),
-        step_back=StepBack(
-            share=float(value("step_back")),
-            settle=int(value("settle_count")),
-            count=int(value("rumble_count")),
-            excess=float(value("step_back_excess")),
-            memory=float(value("step_back_memory")),
-        ),
-        drift=_read(DriftSettings, value, "drift_"),
+        hold=settings_of(HoldSettings, value, frequency=frequency, reach=reach),
+        step_back=settings_of(StepBack, value),
+        drift=settings_of(DriftSettings, value, "drift_"),
         margin=float(value("margin")),
         fallback_count=int(value("fallback_count")),
     )
@@ -77,15 +69,10 @@ def identification_settings(value: Value) -> identification.Settings:
     """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
     limits = float(value("lower_limit")), float(value("upper_limit"))
     saturation = None if limits == (-math.inf, math.inf) else limits
-    return _read(identification.Settings, value, saturation=saturation)
+    return settings_of(identification.Settings, value, saturation=saturation)
 
 
-def rumble_settings(value: Value) -> RumbleSettings:
-    """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
-    return _read(RumbleSettings, value, "rumble_")
-
-
-def _read(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
+def settings_of(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
     """Return the settings `kind`, each field that is not `given` read from the parameter of its name after `prefix`."""
     types = {name: of for name, of in get_type_hints(kind).items() if name not in given}
     return kind(**given, **{name: of(value(prefix + name)) for name, of in types.items()})

@@ -9,11 +9,15 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from atpid_common.nodes.parameters import Entry
+from atpid_common.parameters import Entry, rows_of
+from atpid_control.loop.controller import ControlSettings
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import HoldSettings, StepBack
+from atpid_control.loop.rumble import RumbleSettings
+from atpid_control.loop.signal_watch import SignalSettings
 from atpid_control.selection.registry import METHODS, plug_ins
 from atpid_control.supervision.limits import QUANTITIES
 
-#: A parameter that may change while the node runs.
 _live = partial(Entry, live=True)
 
 IDENTIFIER = (
@@ -47,16 +51,9 @@ IDENTIFIER = (
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),
     Entry("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
-    _live("rumble_onset", 0.06, "scatter of the beam's amplitude from which its motion is irregular", "-", 1e-4, 0.99),
-    _live("rumble_calm", 0.03, "scatter below which a period is regular, at most rumble_onset", "-", 1e-4, 0.99),
-    _live("rumble_calm_periods", 3, "consecutive regular periods that end irregular motion", "", 1, 1000),
-    _live("rumble_least_amplitude", 0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0),
+    *rows_of(RumbleSettings, "rumble_"),
     _live("stale_timeout", 0.4, "silence of sensors/laser that is an event, at least three blocks", "s", 0.1, 60.0),
-    _live("dead_time", 0.2, "a channel without one valid reading for so long is dead", "s", 0.01, 60.0),
-    _live("frozen_time", 0.2, "a channel that stops in mid-motion for so long is frozen", "s", 0.01, 60.0),
-    _live("largest_velocity", 30.0, "faster steps of a displacement are impossible; 0: not judged", "m/s", 0.0, 1e6),
-    _live("invalid_share", 0.2, "share of invalid readings of a second that is intermittent", "-", 0.001, 1.0),
-    _live("recovery_time", 0.5, "a channel plausible for so long works again", "s", 0.0, 60.0),
+    *rows_of(SignalSettings),
     _live("clock_tolerance", 0.1, "how far stamps may move away from the indices; 0: not judged", "s", 0.0, 3600.0),
 )  # fmt: skip
 
@@ -70,54 +67,10 @@ SELECTOR = (
         1e6,
     ),
     Entry("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
-    _live(
-        "dead_band", 0.01, "relative change of amplitude that moves nothing: below 0.01 the ceiling moves by less than "
-        "it can be positioned", "-", 0.0, 0.9,
-    ),
-    _live("sigmas", 4.0, "a change must also exceed this many standard deviations", "-", 0.0, 100.0),
-    _live("steady_count", 4, "consecutive agreeing steady estimates that are acted on", "", 1, 1000),
-    _live("rising_count", 4, "consecutive rising estimates that are a ramp to follow", "", 2, 1000),
-    _live("falling_count", 2, "consecutive lower estimates before the ceiling goes down", "", 1, 1000),
-    _live(
-        "frequency_tolerance", 0.03,
-        "relative distance from the scene's frequency at which heights of a method for that one still hold; the "
-        "standard bench's half-power points lie 0.022 beside it", "-", 1e-6, 1.0,
-    ),
-    _live(
-        "frequency_band", 0.0025,
-        "relative change of frequency that moves nothing, of a method that selects at any frequency: "
-        "0.01 is up to 0.05 of the height", "-", 0.0, 0.9,
-    ),
-    _live("step_back", 0.06, "share of the clearance given up when the motion is irregular", "-", 1e-3, 0.9),
-    _live(
-        "settle_count", 24,
-        "estimates after the ceiling has come to rest in which irregular motion does not count: the closed beam's "
-        "decay time", "", 0, 10_000,
-    ),
-    _live(
-        "rumble_count", 6, "consecutive irregular estimates after that, before the ceiling steps back", "", 1, 10_000,
-    ),
-    _live(
-        "step_back_excess", 0.15, "amplitude of the beam above the predicted that is more than inaccuracy", "-", 0.0,
-        10.0,
-    ),
-    _live(
-        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back applies", "-", 0.0, 10.0,
-    ),
-    _live("drift_tolerance", 0.15, "relative error the model may have without a drift alarm", "-", 1e-3, 10.0),
-    _live("drift_noise", 0.02, "standard deviation of the beam's amplitude from period to period", "-", 1e-4, 1.0),
-    _live(
-        "drift_periods", 10_000.0, "settled periods between false alarms of a model at the edge of its tolerance",
-        "-", 1.0, 1e12,
-    ),
-    _live(
-        "margin", 3.0, "standard deviations of the amplitude the height must be safe for; 0: bare optimum", "-", 0.0,
-        100.0,
-    ),
-    _live(
-        "fallback_count", 20, "estimates in a row without a height, before the look-up answers where a map is given",
-        "", 1, 10_000,
-    ),
+    *rows_of(HoldSettings),
+    *rows_of(StepBack),
+    *rows_of(DriftSettings, "drift_"),
+    *rows_of(ControlSettings),
     Entry("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
     Entry("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
     _live(

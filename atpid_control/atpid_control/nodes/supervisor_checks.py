@@ -7,7 +7,6 @@ The loop check is made once, soon after the first sample, and on request.
 
 from collections.abc import Callable
 
-import numpy as np
 from atpid_interfaces.msg import RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
@@ -15,7 +14,7 @@ from rclpy.node import Node
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.handshake import Question
-from atpid_common.nodes.messages import STATES, STATUS
+from atpid_common.nodes.messages import STATES, STATUS, channels_of
 from atpid_control.supervision.limits import AbortLevels, ContactRate, OnTime, Passed, largest, sustained
 from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 from atpid_sim.scene import load_scene
@@ -47,10 +46,9 @@ class LoopChecker:
     def on_block(self, block: SampleBlock, now: float) -> None:
         """Take a block of samples received at the steady time `now` [s]."""
         self._begun = self._begun or now
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
-        for column, channel in enumerate(block.channels):
+        for channel, values in channels_of(block).items():
             self._channels.add(channel)
-            self._sensors.push(channel, data[:, column], now)
+            self._sensors.push(channel, values, now)
 
     def turn(self, now: float) -> list[str]:
         """Go on at the steady time `now` [s]; return what fails still when the time allowed is over."""
@@ -97,8 +95,8 @@ class LoopChecker:
 
 
 #: Channels that change smoothly, so that a lone sample beyond a level is a spike of the sensor.
-SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")
-ACCELERATION = "beam_acceleration"
+_SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")
+_ACCELERATION = "beam_acceleration"
 
 
 class QuantityWatch:
@@ -112,13 +110,10 @@ class QuantityWatch:
 
     def on_block(self, block: SampleBlock, now: float) -> None:
         """Take a block of samples received at the steady time `now` [s]."""
-        names = list(block.channels)
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
-        for column, name in enumerate(names):
-            values = data[:, column]
+        for name, values in channels_of(block).items():
             if self.limits.limited(name):
-                self._take(name, sustained(values) if name in SMOOTH else largest(values), now)
-            if name == ACCELERATION and self.limits.limited("contact_rate"):
+                self._take(name, sustained(values) if name in _SMOOTH else largest(values), now)
+            if name == _ACCELERATION and self.limits.limited("contact_rate"):
                 self._take("contact_rate", self._contacts.push(block.first_index, block.rate, values), now)
 
     def on_motor(self, on: bool, now: float) -> None:

@@ -29,15 +29,15 @@ from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.quantities import efficiency
 
-Job = TypeVar("Job")
-Answer = TypeVar("Answer")
+_Job = TypeVar("_Job")
+_Answer = TypeVar("_Answer")
 _OPEN: Any = object()
 
 
-class _Batch(Generic[Job, Answer]):
+class _Batch(Generic[_Job, _Answer]):
     """Jobs in work."""
 
-    def __init__(self, work: Callable[[Job], Answer], jobs: list[Job]) -> None:
+    def __init__(self, work: Callable[[_Job], _Answer], jobs: list[_Job]) -> None:
         self._work, self.jobs, self._next = work, jobs, count()
         self._answers: list[Any] = [_OPEN] * len(jobs)
 
@@ -46,7 +46,7 @@ class _Batch(Generic[Job, Answer]):
         while (k := next(self._next)) < len(self.jobs):
             self._do(k)
 
-    def answers(self) -> list[Answer]:
+    def answers(self) -> list[_Answer]:
         """Return all answers in the order of the jobs; raise the first error.
 
         What a helper has begun and not finished is done again here: on a busy machine the helper may have to wait for
@@ -97,7 +97,7 @@ class SelectionThreads:
         if self._pool:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def map(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> list[Answer]:
+    def map(self, work: Callable[[_Job], _Answer], jobs: Iterable[_Job]) -> list[_Answer]:
         """Return the answer to each job, in order. Jobs that take long should come first."""
         batch = _Batch(work, list(jobs))
         if self._pool:
@@ -144,8 +144,8 @@ class Deadline:
         if math.isinf(self.seconds):
             return mapper
 
-        def limited_mapper(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterable[Any]:
-            def in_time(job: Any) -> Any:
+        def limited_mapper(work: Callable[[_Job], _Answer], jobs: Iterable[_Job]) -> Iterable[_Answer]:
+            def in_time(job: _Job) -> _Answer:
                 if self.near(share):
                     raise OutOfTimeError
                 return work(job)

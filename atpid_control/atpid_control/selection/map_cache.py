@@ -8,7 +8,6 @@ import math
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def map_for(scene: Scene) -> Path | None:
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map
-    folder = user_cache()
+    folder = _user_cache()
     known = sorted(folder.glob("*.npz"))
     with suppress(InputError):  # used without a workspace
         known = sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz")) + known
@@ -71,7 +70,7 @@ def map_of_run(scene: Scene, given: Path | None, method: str = "") -> Path | Non
     return chosen
 
 
-def user_cache() -> Path:
+def _user_cache() -> Path:
     """Return where maps made here are kept: $XDG_CACHE_HOME/atpid/maps, or ~/.cache/atpid/maps."""
     return cache_root() / "maps"
 
@@ -84,7 +83,7 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
     return (min(positive), max(positive)) if positive else _USUAL
 
 
-def ratios_of(scene: Scene) -> tuple[float, float]:
+def _ratios_of(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest frequency of the scene's excitation over the natural one [-]."""
     ratios = [frequency / scene.natural_frequency_hz for _, frequency in frequency_points(scene)]
     return min(ratios), max(ratios)
@@ -95,14 +94,14 @@ def _fits(path: Path, scene: Scene) -> bool:
     if not _is_map_of(path, scene):
         return False
     found = HeightMap.load(path)
-    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction, ratios_of(scene))
+    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction, _ratios_of(scene))
 
 
 def _make(scene: Scene, folder: Path) -> Path:
     low, high = amplitudes_of(scene)
     first, last = min(_USUAL[0], 0.5 * low), max(_USUAL[1], 1.25 * high)
     ratios = _ratios_to_map(scene)
-    purpose: list[Any] = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
+    purpose: list[object] = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
     if ratios is not None:
         purpose.append(ratios)
     key = hashlib.sha256(json.dumps(purpose, sort_keys=True).encode()).hexdigest()[:16]
@@ -140,7 +139,7 @@ def _ratios_to_map(scene: Scene) -> list[float] | None:
     """Return the frequency ratios of a map for a scene whose frequency moves [-]; None: it does not."""
     if not scene.frequency_moves:
         return None
-    low, high = ratios_of(scene)
+    low, high = _ratios_of(scene)
     first, last = max(low - _BESIDE, LOWEST_RATIO), min(high + _BESIDE, HIGHEST_RATIO)
     if not LOWEST_RATIO <= low < high <= HIGHEST_RATIO:
         raise MapError(

@@ -168,12 +168,12 @@ def robust_height(
     the height [m]; late: whether to end with what has been found so far, asked before every run. Only the expected
     system is verified in any case. Raises NumericalFailure.
     """
-    search = MarginSearch(systems, excitation, limits, mapper, late)
+    search = _MarginSearch(systems, excitation, limits, mapper, late)
     search.look(search.bare() if math.isnan(bare) else bare)
     return search.verify()
 
 
-class MarginSearch:
+class _MarginSearch:
     """The search for the height that is best in the worst of the systems."""
 
     def __init__(

@@ -15,7 +15,7 @@ from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
 
 #: Makes a selector for a scene, with the height map given (None: none) and the options of the method.
-Factory = Callable[[Scene, Path | None, Options], HeightSelector]
+_Factory = Callable[[Scene, Path | None, Options], HeightSelector]
 _USUAL = Options()
 
 
@@ -66,7 +66,7 @@ def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     return AnyFrequency(selector, scene)
 
 
-METHODS: dict[str, Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
+METHODS: dict[str, _Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
 
 
 def plug_ins() -> dict[str, EntryPoint]:

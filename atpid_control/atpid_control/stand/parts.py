@@ -29,7 +29,7 @@ from atpid_control.stand.parameters import BenchError, Parameters, combined, rea
 from atpid_sim.scene import Scene
 
 if TYPE_CHECKING:
-    from atpid_common.nodes.parameters import Entry
+    from atpid_common.parameters import Entry
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: A share of valid readings below this is no sensor that works [-].
-LEAST_VALID = 0.5
+_LEAST_VALID = 0.5
 #: Heights this close are the same [m]; so are speeds within this share [-].
 _SAME_HEIGHT, _SAME_SPEED = 1e-6, 0.05
 #: Samples older than this show nothing about now [s].
-RECENT = 1.0
+_RECENT = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class LatestBlocks:
             return ["sensors: no samples; is the source running, and its device connected?"]
         lines = []
         for channel, (at, valid) in self._latest.items():
-            if now - at > RECENT:
+            if now - at > _RECENT:
                 lines.append(f"{channel}: no samples for {now - at:.1f} s")
-            elif valid < LEAST_VALID:
-                lines.append(f"{channel}: {valid:.0%} of its readings are valid; needed: {LEAST_VALID:.0%}")
+            elif valid < _LEAST_VALID:
+                lines.append(f"{channel}: {valid:.0%} of its readings are valid; needed: {_LEAST_VALID:.0%}")
         return lines
 
 

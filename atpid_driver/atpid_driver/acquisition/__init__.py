@@ -18,12 +18,11 @@ from atpid_driver.acquisition.protocol import (
     SetupRefusedError,
     StreamLostError,
     WrongDeviceError,
-    setting,
 )
 from atpid_driver.acquisition.registry import Backend
 
 __all__ = [
     "Acquisition", "AcquisitionError", "AcquisitionSettings", "Backend", "Block", "Channel", "DeviceIdentity",
     "DeviceMissingError", "LibraryMissingError", "NotStreamingError", "SetupRefusedError", "StreamLostError",
-    "WrongDeviceError", "setting",
+    "WrongDeviceError",
 ]  # fmt: skip

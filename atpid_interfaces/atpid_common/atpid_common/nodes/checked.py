@@ -53,7 +53,7 @@ def subscribe(
     dropped = Dropped.of(node)
     act: Callable[..., object] = callback
 
-    def with_info(message: Any, info: dict[str, int]) -> None:
+    def with_info(message: M, info: dict[str, int]) -> None:
         reason = check(message)
         if reason:
             dropped.add(topic, reason)
