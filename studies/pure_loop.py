@@ -82,7 +82,7 @@ def run_loop(
     selecting, identifying = parameters["selector_node"], parameters["identifier_node"]
     method = controlled(modelled).controller
     selector = selector_of(selecting.__getitem__, method, modelled, height_map, lockstep=True)
-    controller = controller_of(selecting.__getitem__, modelled, selector)
+    controller = controller_of(selecting.__getitem__, modelled, selector, None, None)
     identifier = Identifier(identification_settings(identifying.__getitem__))
     watch = RumbleWatch(settings_of(RumbleSettings, identifying.__getitem__, "rumble_"))
     scene.refuse_faults("a run without the graph", ("clock", *CEILING, *LINK, *RECORDER))  # none of which it has

@@ -231,8 +231,7 @@ def test_bad_parameters_end_the_program_with_status_2_and_one_line(capfd: pytest
 
 OWN = """
 from dataclasses import dataclass
-from atpid_common.parameters import setting
-from atpid_driver.acquisition import Backend
+from atpid_driver.acquisition import Backend, setting
 from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
 @dataclass(frozen=True, kw_only=True)

@@ -58,12 +58,16 @@ class DriftAlarm:
         self._tolerance = math.log1p(settings.tolerance)
         # at the edge of the tolerance the sum has no drift, and its mean time to the threshold is the square of it
         self.threshold = settings.noise * max(math.sqrt(settings.periods) - OVERSHOOT, 1.0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Restart: another height or another excitation."""
         self._up = self._down = self._sum = 0.0
         self._count, self.state = 0, _DriftState()
 
-    def push(self, predicted: float, measured: float, settled: bool) -> _DriftState:
-        """Take one period's amplitudes [m]; periods that are not `settled`, or unknown, are ignored."""
-        if not (settled and predicted > 0.0 and measured > 0.0):
+    def push(self, predicted: float, measured: float) -> _DriftState:
+        """Take a settled period's amplitudes [m]; unknown ones are ignored."""
+        if not (predicted > 0.0 and measured > 0.0):
             return self.state
         off = math.log(measured / predicted)
         self._up = max(0.0, self._up + off - self._tolerance)
@@ -76,11 +80,6 @@ class DriftAlarm:
         mean = self._sum / self._count if self._count else 0.0
         self.state = _DriftState(level > 1.0, math.expm1(mean), level)
         return self.state
-
-    def reset(self) -> None:
-        """Restart: another height or another excitation."""
-        self._up = self._down = self._sum = 0.0
-        self._count, self.state = 0, _DriftState()
 
 
 #: Periods simulated and, of these, looked at.
@@ -95,7 +94,7 @@ class SteadyTwin:
     """Simulates the steady state of a scene's beam and damper, again only when something has changed."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self._scene = scene.with_(initial=None)
         self._inputs = (math.nan, math.nan, math.nan)
         self._answer = math.nan
         # warm-up call: the kernels are loaded, or compiled, before the first settled period
@@ -117,11 +116,11 @@ class SteadyTwin:
 
         if not all(map(math.isfinite, (amplitude, frequency, height))) or amplitude <= 0.0 or frequency <= 0.0:
             return math.nan
-        duration = _PERIODS / frequency
+        duration, height = _PERIODS / frequency, max(height, 2.0 * self._scene.grain.radius)
+        window = duration - _LOOKED_AT / frequency, duration
         scene = self._scene.with_(
-            height=max(height, 2.0 * self._scene.grain.radius), amplitude=amplitude, frequency=frequency,
-            duration=duration, steady_window=(duration - _LOOKED_AT / frequency, duration), initial=None,
-        )  # fmt: skip
+            height=height, amplitude=amplitude, frequency=frequency, duration=duration, steady_window=window
+        )
         try:
             result = simulate(scene, check=False)
         except NumericalFailure:
@@ -172,7 +171,7 @@ class ModelCheck:
 
     def _compared(self, expected: float, measured: float) -> str:
         self.expected = expected
-        state = self.alarm.push(expected, measured, True)
+        state = self.alarm.push(expected, measured)
         self._agreed = self._agreed + 1 if state.level == 0.0 and expected > 0.0 else 0
         if self._agreed >= _AGREEING:
             self._reported = False

@@ -103,7 +103,7 @@ class RumbleWatch:
             self.state = _RumbleState(self.state.rumbling, amplitude=amplitude, periods=seen)
             return
         self._amplitudes.append(amplitude)
-        scatter, _ = scatter_of(np.array(self._amplitudes))
+        scatter = scatter_of(np.array(self._amplitudes))
         self.state = _RumbleState(self._decide(scatter), scatter, amplitude, seen)
 
     def _decide(self, scatter: float) -> bool:
@@ -116,14 +116,13 @@ class RumbleWatch:
         return self.state.rumbling and self._calm < self.settings.calm_periods
 
 
-def scatter_of(amplitudes: Array) -> tuple[float, float]:
-    """Return scatter and alternation [-] of successive periods' amplitudes (n,) [m]; NaN where it is not judged."""
+def scatter_of(amplitudes: Array) -> float:
+    """Return the scatter [-] of successive periods' amplitudes (n,) [m]; NaN where it is not judged."""
     if amplitudes.size < PERIODS or amplitudes.max() > SWEEP * amplitudes.min():
-        return math.nan, math.nan
+        return math.nan
     logarithms = np.log(amplitudes)
-    coefficients = _SOLVE @ logarithms
-    left = logarithms - _MODEL @ coefficients
-    return float(np.sqrt(left @ left / (PERIODS - _MODEL.shape[1]))), float(abs(coefficients[-1]))
+    left = logarithms - _MODEL @ (_SOLVE @ logarithms)
+    return float(np.sqrt(left @ left / (PERIODS - _MODEL.shape[1])))
 
 
 _X = np.linspace(-1.0, 1.0, PERIODS)

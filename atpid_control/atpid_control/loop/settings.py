@@ -20,9 +20,7 @@ from atpid_sim.scene import Scene
 S = TypeVar("S")
 
 
-def selector_of(
-    value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool
-) -> HeightSelector:  # fmt: skip
+def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool) -> HeightSelector:
     """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where that fails.
 
     lockstep: the simulation waits for the answer, so a margin has no deadline, and a run is the same on any machine.
@@ -48,14 +46,12 @@ def control_settings(value: Value, frequency: float, selector: HeightSelector | 
 
 
 def controller_of(
-    value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None,
-    fallback: HeightSelector | None = None,
-) -> Controller:  # fmt: skip
+    value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None, fallback: HeightSelector | None
+) -> Controller:
     """Return the controller for a scene, by the parameters of selector.yaml.
 
     executor: where heights are computed; None: inline. fallback: looks heights up where the selector fails.
-    Raises HoldError or WatchError where the parameters contradict
-    themselves.
+    Raises HoldError or WatchError where the parameters contradict themselves.
     """
     if not scene.ceiling.controlled:
         return ProfileController(scene.ceiling.heights)

@@ -241,11 +241,4 @@ def summary_of(made: HeightMap, out: str) -> str:
     useless = int(np.count_nonzero(made.efficiencies <= 0.0))
     text += f", {irregular} of them not reproducible" if irregular else ""
     text += f", {useless} of them without effect (efficiency not above 0)" if useless else ""
-    if not made.failures:
-        return text
-    first = made.failures[0]
-    where = f"{first.amplitude:g} {made.unit}, mass fraction {first.mass_fraction:g}"
-    if made.frequency_ratios is not None:
-        where += f", frequency ratio {first.frequency_ratio:g}"
-    lost = f"{len(made.failures)} of {made.heights.size} points could not be computed"
-    return f"{text}; {lost}, the first: {where}: {first.reason}"
+    return f"{text}; {made.lost}" if made.lost else text

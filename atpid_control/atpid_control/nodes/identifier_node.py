@@ -18,16 +18,7 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import (
-    BLOCKS,
-    EVENTS,
-    STATES,
-    STEADY,
-    channels_of,
-    nanoseconds_of,
-    scans_of,
-    time_of,
-)
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY, channels_of, nanoseconds_of, scans_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.nodes.single_instance import started_twice
@@ -134,10 +125,8 @@ class IdentifierNode(Node):
 
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
-        self._supervision = NodeMonitors(
-            self, self._events.publish, self._statuses, timeout,
-            enabled=not self.parameters["lockstep"],
-        )  # fmt: skip
+        real_time = not self.parameters["lockstep"]
+        self._supervision = NodeMonitors(self, self._events.publish, self._statuses, timeout, enabled=real_time)
         self._supervision.stale.watch(LASER, "the excitation is not identified")
         self._supervision.follow_events()
         qos = self._supervision.qos
@@ -207,10 +196,10 @@ class IdentifierNode(Node):
             units = dict(zip(channels, block.units, strict=True))
             self._units = units.get(self._names[0], "m"), units.get(self._names[1], "m")
         delay = block.skew[channels.index(source)] if len(block.skew) == len(channels) else 0.0
+        time = last_ns * 1e-9
         return self.identifier.push(
-            block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height,
-            units=self._units,
-        )  # fmt: skip
+            block.first_index, block.rate, support, beam, time, delay=delay, height=self._height, units=self._units
+        )
 
     @property
     def _unit(self) -> str:
@@ -286,14 +275,14 @@ class _Progress:
         self._rate, self._latest, self._device = block.rate, estimate, block.device
 
     def status(self, node: Node, last_error: str, other: OtherExcitation | None, unit: str) -> DiagnosticStatus:
-        poor = self._latest.quality == Quality.POOR
-        values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
-                  "quality": self._latest.quality.name, f"amplitude [{unit}]": self._latest.amplitude,
-                  "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
+        latest, poor = self._latest, self._latest.quality == Quality.POOR
+        values: dict[str, object] = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing}
+        values |= {"quality": latest.quality.name, f"amplitude [{unit}]": latest.amplitude}
+        values |= {"frequency [Hz]": latest.frequency, "last error": last_error or "none"}
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
         text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
         text = other.sentence(unit) if other else text
-        values["excitation"] = other.kind if other else "tone" if math.isfinite(self._latest.frequency) else "none"
+        values["excitation"] = other.kind if other else "tone" if math.isfinite(latest.frequency) else "none"
         level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 

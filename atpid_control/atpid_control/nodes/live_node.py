@@ -47,9 +47,7 @@ MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_
 EXCITER, _ARM_EXCITER = "excitation_node/stop", "excitation_node/rearm"
 #: Services (std_srvs/Trigger) of each request, all of which are called. A stop is latched in the supervisor and reaches
 #: the drives at once: whether they are off they confirm themselves, and the supervisor where there is none of them.
-_TRIGGERED = {
-    "stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (_ARM_EXCITER,),
-}  # fmt: skip
+_TRIGGERED = {"stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (_ARM_EXCITER,)}
 #: How the page names a drive, and what arms it there.
 DRIVES = {MOTOR: ("motor", "Arm again"), EXCITER: ("exciter", "Arm exciter")}
 SELECTOR = "selector_node"

@@ -23,10 +23,7 @@ _live = partial(Entry, live=True)
 IDENTIFIER = (
     Entry("support_channel", "support_displacement", "channel with the support's displacement or the force"),
     Entry("beam_channel", "beam_displacement", "name of the channel with the beam's displacement"),
-    Entry(
-        "origin", "support", "support: the excitation is read from support_channel; beam: inferred from it and `scene`",
-        choices=("support", "beam"),
-    ),
+    Entry("origin", "support", "read from support_channel, or by `scene` from the beam", choices=("support", "beam")),
     Entry("scene", "", "scene file with the beam and damper, for origin: beam"),
     Entry("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
     Entry("window_periods", 2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0),
@@ -38,14 +35,10 @@ IDENTIFIER = (
     Entry("upper_limit", math.inf, "readings at or above it are saturated [m, of a force N]"),
     _live("change", 0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9),
     _live(
-        "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,
-        1e6,
+        "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing in the window", "-", 0.1, 1e6
     ),
-    _live(
-        "second_tone", 0.1,
-        "amplitude over the first's from which another tone makes an estimate poor, since heights are selected for "
-        "one; 0: none does", "-", 0.0, 0.9,
-    ),
+    # heights are selected for one tone
+    _live("second_tone", 0.1, "share of the first from which another makes an estimate poor; 0: none", "-", 0.0, 0.9),
     _live("slow_drift", 0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9),
     _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
@@ -55,17 +48,14 @@ IDENTIFIER = (
     _live("stale_timeout", 0.4, "silence of sensors/laser that is an event, at least three blocks", "s", 0.1, 60.0),
     *rows_of(SignalSettings),
     _live("clock_tolerance", 0.1, "how far stamps may move away from the indices; 0: not judged", "s", 0.0, 3600.0),
-)  # fmt: skip
+)
 
 SELECTOR = (
     Entry("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
     Entry("map", "", "height map for the look-up; empty: the one the scene names"),
     _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
     _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
-    _live(
-        "manual_height", 0.0, "where the ceiling is sent, whatever is selected; 0: where the method has it", "m", 0.0,
-        1e6,
-    ),
+    _live("manual_height", 0.0, "where the ceiling is sent in any case; 0: where the method has it", "m", 0.0, 1e6),
     Entry("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
     *rows_of(HoldSettings),
     *rows_of(StepBack),
@@ -74,26 +64,26 @@ SELECTOR = (
     Entry("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
     Entry("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
     _live(
-        "stale_timeout", 0.4, "silence of excitation or ceiling/state that is an event, at least three blocks", "s",
-        0.1, 60.0,
+        "stale_timeout",
+        0.4,
+        "silence of excitation or ceiling/state that is an event, from three blocks",
+        "s",
+        0.1,
+        60.0,
     ),
-)  # fmt: skip
+)
 
 _NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
+_NEEDED = ["identifier_node", "selector_node", "recorder_node"]
 SUPERVISOR = (
     Entry("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
-    Entry(
-        "needed", ["identifier_node", "selector_node", "recorder_node"],
-        "those of them without whose answers the ceiling is held and the motor gets no heartbeat",
-    ),
+    Entry("needed", _NEEDED, "those without whose answers the ceiling is held and the motor gets no heartbeat"),
     Entry("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
     Entry("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
     Entry("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
     Entry("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
     Entry(
-        "restart_time", 0.0,
-        "how long one whose process has ended may be away before that counts; 0: it is not started again", "s", 0.0,
-        3600.0,
+        "restart_time", 0.0, "time for one that has ended to come back; 0: it is not started again", "s", 0.0, 3600.0
     ),
     *(
         Entry(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
@@ -102,7 +92,7 @@ SUPERVISOR = (
     ),
     Entry("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
     Entry("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
-)  # fmt: skip
+)
 
 
 def selector_table() -> tuple[Entry, ...]:

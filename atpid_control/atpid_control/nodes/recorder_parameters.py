@@ -21,8 +21,7 @@ from atpid_control.runs.topics import DEFAULT, Topic
 from atpid_control.runs.writer import CHUNK, COMPRESSIONS, Split
 from atpid_sim.scene import load_scene
 
-_NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node",
-         "excitation_node"]  # fmt: skip
+_NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node", "excitation_node"]
 PARAMETERS = (
     Entry("bag", "", "folder to make; empty: run-<id> in the current folder"),
     Entry("scene", "", "scene file, kept in the bag verbatim; empty: none"),

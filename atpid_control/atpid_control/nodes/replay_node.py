@@ -37,16 +37,10 @@ _ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
 PARAMETERS = (
     Entry("bag", "", "folder of the bag to play"),
     Entry("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
-    Entry(
-        "topics", ["sensors/*"],
-        "topics to play, * for anything; add ceiling/state where the selector needs the height",
-    ),
-    Entry(
-        "answer", "ceiling/command", "whose answer ends a block; excitation where there is no selector",
-        choices=tuple(_ANSWERS),
-    ),
+    Entry("topics", ["sensors/*"], "topics to play, * for anything; ceiling/state where the selector needs the height"),
+    Entry("answer", "ceiling/command", "whose answer ends a block; excitation: no selector", choices=tuple(_ANSWERS)),
     Entry("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-)  # fmt: skip
+)
 
 
 class ReplayNode(Node):

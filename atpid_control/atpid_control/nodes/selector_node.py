@@ -254,9 +254,9 @@ class SelectorNode(Node):
 
     def _statuses(self) -> list[DiagnosticStatus]:
         command = self._answer.command
-        values = {"method": command.method, "reason": command.reason, "height [m]": command.height,
-                  f"excitation amplitude [{self._scene.driven_by.unit}]": command.excitation_amplitude,
-                  "predicted amplitude [m]": command.predicted_amplitude}  # fmt: skip
+        excitation = f"excitation amplitude [{self._scene.driven_by.unit}]"
+        values = {"method": command.method, "reason": command.reason, "height [m]": command.height}
+        values |= {excitation: command.excitation_amplitude, "predicted amplitude [m]": command.predicted_amplitude}
         level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
         values |= self._latencies.values("sample to command")
         return [status(self, "height selection", level, self._refusal or command.reason, values)]

@@ -101,16 +101,14 @@ def least_rms(scene: Scene) -> tuple[Selection, float, list[str]]:
         SelectionStage("as good", best.height, best.rms, _as_good(seen, best)),
         *again,
     ]
-    chosen = Selection(
-        best.height, best.rms, share, "direct", len(seen) + len(again), time.perf_counter() - begun,
-        stages=tuple(stages), note=stages[1].note,
-    )  # fmt: skip
+    found = best.height, best.rms, share, "direct", len(seen) + len(again), time.perf_counter() - begun
+    chosen = Selection(*found, stages=tuple(stages), note=stages[1].note)
     if share < LEAST_USE:
         shut = low <= diameter * (1.0 + 1e-9)
         stays = "it stays closed" if shut else f"the ceiling stays at its lowest, {low:g} m"
-        found = f"the best height found, {best.height:.4f} m, takes {100.0 * share:.1f} % off the RMS"
+        takes = f"the best height found, {best.height:.4f} m, takes {100.0 * share:.1f} % off the RMS"
         left, kept = (_rms(own.closed), 0.0) if shut else (math.nan, math.nan)
-        why = f"the damper is of no use: {found}; {stays}"
+        why = f"the damper is of no use: {takes}; {stays}"
         chosen = replace(chosen, height=low, beam_amplitude=left, efficiency=kept, no_use=why)
     return chosen, _rms(own.bare), few_samples({"independent_samples": independent})
 

@@ -47,7 +47,7 @@ def map_for(scene: Scene) -> Path | None:
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map
-    folder = _user_cache()
+    folder = cache_root() / "maps"
     known = sorted(folder.glob("*.npz"))
     with suppress(InputError):  # used without a workspace
         known = sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz")) + known
@@ -68,11 +68,6 @@ def map_of_run(scene: Scene, given: Path | None, method: str = "") -> Path | Non
     except InputError as error:
         raise MapError(f"--map: {error}") if given else error from None
     return chosen
-
-
-def _user_cache() -> Path:
-    """Return where maps made here are kept: $XDG_CACHE_HOME/atpid/maps, or ~/.cache/atpid/maps."""
-    return cache_root() / "maps"
 
 
 def amplitudes_of(scene: Scene) -> tuple[float, float]:
@@ -124,14 +119,11 @@ def _make(scene: Scene, folder: Path) -> Path:
     # evenly spaced unless the smallest would lie within the first step
     spaced = np.linspace if reached <= _POINTS * first else np.geomspace
     amplitudes = [float(a) for a in spaced(first, reached, _POINTS if ratios is None else _POINTS_OF_RATIOS)]
-    total = len(amplitudes) * len(ratios or [1.0])
-    with counting("height map", total) as count:
+    with counting("height map", len(amplitudes) * len(ratios or [1.0])) as count:
         fractions = [scene.grain.mass_fraction]
         made = build_map(scene, amplitudes, fractions, path, lambda done, _: count(done), frequency_ratios=ratios)
-    if made.failures:
-        first_lost = f"the first, {made.failures[0].amplitude:g} m: {made.failures[0].reason}"
-        lost = f"{len(made.failures)} of its {total} points"
-        print(f"{lost} could not be computed; {first_lost}", file=sys.stderr)
+    if made.lost:
+        print(made.lost, file=sys.stderr)
     return path
 
 

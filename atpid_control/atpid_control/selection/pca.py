@@ -96,10 +96,8 @@ class PcaSelector:
         except NumericalFailure as error:
             raise SelectionError(f"pca: {error}") from error
         reduction = efficiency(observed, run.damper.closed_amplitude(amplitude))
-        return Selection(
-            best, observed, reduction, self.method, run.evaluations, time.perf_counter() - begun,
-            0.0 if used == amplitude else math.nan, tuple(run.stages),
-        )  # fmt: skip
+        found = best, observed, reduction, self.method, run.evaluations, time.perf_counter() - begun
+        return Selection(*found, 0.0 if used == amplitude else math.nan, tuple(run.stages))
 
 
 class _Run:

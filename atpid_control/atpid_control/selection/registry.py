@@ -91,7 +91,7 @@ def methods() -> tuple[str, ...]:
 
 def make_selector(
     method: str, scene: Scene, height_map: Path | None = None, options: Options = _USUAL
-) -> HeightSelector:  # fmt: skip
+) -> HeightSelector:
     """Return the selector called `method` for `scene`: the one way, of commands, nodes and Python alike.
 
     options: those that the method does not take are left out (`TAKES`). Raises SelectionError or MapError where the

@@ -3,7 +3,6 @@
 """The loop check before a run: what is compared, and what each comparison finds (docs/graph.md, "Loop check")."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,20 +23,6 @@ class Ceiling:
     lowest: float
     highest: float
     speed: float
-
-
-@dataclass
-class LoopSnapshot:
-    """What is known when the check is made."""
-
-    now: float  # steady [s]
-    sensors: "LatestBlocks"
-    scene: Ceiling | None = None  # that heights are selected for; None: no controller moves it
-    motor: Ceiling | None = None  # limits of the motor node, inside which it refuses to run with other firmware
-    recorder_expected: bool = True
-    recording: bool = False
-    written: int = 0  # messages
-    errors: Mapping[str, str] = field(default_factory=dict)  # of channels, by their names
 
 
 class LatestBlocks:
@@ -63,9 +48,22 @@ class LatestBlocks:
         return lines
 
 
-def failures(snapshot: LoopSnapshot) -> list[str]:
-    """Return what fails, one line each; empty: the loop may run."""
-    lines = snapshot.sensors.failures(snapshot.now)
+@dataclass
+class LoopSnapshot:
+    """What is known when the check is made."""
+
+    sensors: LatestBlocks = field(default_factory=LatestBlocks)
+    scene: Ceiling | None = None  # that heights are selected for; None: no controller moves it
+    motor: Ceiling | None = None  # limits of the motor node, inside which it refuses to run with other firmware
+    recorder_expected: bool = True
+    recording: bool = False
+    written: int = 0  # messages
+    errors: dict[str, str] = field(default_factory=dict)  # of channels, by their names
+
+
+def failures(snapshot: LoopSnapshot, now: float) -> list[str]:
+    """Return what fails at the steady time `now` [s], one line each; empty: the loop may run."""
+    lines = snapshot.sensors.failures(now)
     lines += [f"{channel}: {text}" for channel, text in snapshot.errors.items()]
     if snapshot.scene is not None:
         lines += disagreements(snapshot.scene, snapshot.motor)

@@ -5,6 +5,7 @@
 The names here are those that a backend of another distribution is written with (docs/extend.md).
 """
 
+from atpid_common.parameters import setting
 from atpid_driver.acquisition.protocol import (
     Acquisition,
     AcquisitionError,
@@ -24,5 +25,5 @@ from atpid_driver.acquisition.registry import Backend
 __all__ = [
     "Acquisition", "AcquisitionError", "AcquisitionSettings", "Backend", "Block", "Channel", "DeviceIdentity",
     "DeviceMissingError", "LibraryMissingError", "NotStreamingError", "SetupRefusedError", "StreamLostError",
-    "WrongDeviceError",
+    "WrongDeviceError", "setting",
 ]  # fmt: skip

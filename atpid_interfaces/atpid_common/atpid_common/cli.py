@@ -130,11 +130,9 @@ def _is_full(stream: TextIO) -> bool:
 
 
 #: How the help writes an argument that has no other metavar, by its name: what a command takes or makes.
-_METAVARS = {
-    "scene": "SCENE.yaml", "scenes": "DIR", "bag": "BAG", "recording": "BAG|FILE.csv", "map": "MAP.npz", "out": "DIR",
-    "node": "/NODE", "topic": "/TOPIC", "domain": "N", "faults": "N", "hours": "H", "margin": "M", "priority": "N",
-    "restarts": "N", "seconds": "S", "seed": "N", "seeds": "N",
-}  # fmt: skip
+_METAVARS = {"scene": "SCENE.yaml", "bag": "BAG", "recording": "BAG|FILE.csv", "map": "MAP.npz", "out": "DIR"}
+_METAVARS |= {"scenes": "DIR", "node": "/NODE", "topic": "/TOPIC", "hours": "H", "margin": "M", "seconds": "S"}
+_METAVARS |= dict.fromkeys(("domain", "faults", "priority", "restarts", "seed", "seeds"), "N")
 
 
 class Parser(argparse.ArgumentParser):

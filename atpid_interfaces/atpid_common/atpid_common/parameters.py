@@ -52,13 +52,15 @@ class Entry:
 
 
 def setting(
-    default: Any, description: str, unit: str = "", low: float | None = None, high: float | None = None, *,
-    choices: tuple[str, ...] = (), live: bool = False,
-) -> Any:  # fmt: skip
-    """Return the field of a dataclass that is a parameter: arguments as of `Entry`, its name is the field's."""
-    row = Entry(
-        "", list(default) if isinstance(default, tuple) else default, description, unit, low, high, choices, live
-    )
+    default: Any, description: str, unit: str = "", *span: float, choices: tuple[str, ...] = (), live: bool = False
+) -> Any:
+    """Return the field of a dataclass that is a parameter: arguments as of `Entry`, its name is the field's.
+
+    span: lowest and highest value, where it has a range.
+    """
+    value = list(default) if isinstance(default, tuple) else default
+    low, high = span or (None, None)
+    row = Entry("", value, description, unit, low, high, choices, live)
     return field(default=MISSING if isinstance(default, type) else default, metadata={"row": row})
 
 

@@ -28,10 +28,8 @@ settings.register_profile("long", max_examples=10_000, deadline=None, derandomiz
 settings.load_profile("atpid")
 
 # Plugins of a ROS installation load themselves and do not fit the locked pytest.
-_FOREIGN_PLUGINS = (
-    "launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest", "ament_copyright", "ament_flake8",
-    "ament_lint", "ament_pep257", "ament_xmllint",
-)  # fmt: skip
+_FOREIGN_PLUGINS: tuple[str, ...] = ("launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest")
+_FOREIGN_PLUGINS += tuple(f"ament_{name}" for name in ("copyright", "flake8", "lint", "pep257", "xmllint"))
 _WARNINGS = (
     "error",
     # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
