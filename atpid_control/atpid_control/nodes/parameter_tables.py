@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 from atpid_common.parameters import Entry, rows_of
+from atpid_control.identification import Settings
 from atpid_control.loop.controller import ControlSettings
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings, StepBack
@@ -26,24 +27,9 @@ IDENTIFIER = (
     Entry("origin", "support", "read from support_channel, or by `scene` from the beam", choices=("support", "beam")),
     Entry("scene", "", "scene file with the beam and damper, for origin: beam"),
     Entry("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
-    Entry("window_periods", 2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0),
-    Entry("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
-    Entry("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
-    Entry("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
-    _live("least_amplitude", 5e-5, "a smaller tone is no excitation [m, of a force N]", "", 0.0, 1e6),
+    *rows_of(Settings),
     Entry("lower_limit", -math.inf, "readings at or below it are saturated [m, of a force N]"),
     Entry("upper_limit", math.inf, "readings at or above it are saturated [m, of a force N]"),
-    _live("change", 0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9),
-    _live(
-        "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing in the window", "-", 0.1, 1e6
-    ),
-    # heights are selected for one tone
-    _live("second_tone", 0.1, "share of the first from which another makes an estimate poor; 0: none", "-", 0.0, 0.9),
-    _live("slow_drift", 0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9),
-    _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
-    _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
-    _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),
-    Entry("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
     *rows_of(RumbleSettings, "rumble_"),
     _live("stale_timeout", 0.4, "silence of sensors/laser that is an event, at least three blocks", "s", 0.1, 60.0),
     *rows_of(SignalSettings),
@@ -66,7 +52,7 @@ SELECTOR = (
     _live(
         "stale_timeout",
         0.4,
-        "silence of excitation or ceiling/state that is an event, from three blocks",
+        "silence of excitation or ceiling/state that is an event, >= 3 blocks",
         "s",
         0.1,
         60.0,
