@@ -3,12 +3,11 @@
 """What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
-from atpid_common.parameters import Value
+from atpid_common.parameters import Value, rows_of
 from atpid_control import identification
 from atpid_control.loop.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings, SteadyTwin
@@ -36,13 +35,9 @@ def control_settings(value: Value, frequency: float, selector: HeightSelector | 
     Raises HoldError or WatchError where they contradict themselves.
     """
     reach = None if selector is None else reach_of(selector)
-    return ControlSettings(
-        hold=settings_of(HoldSettings, value, frequency=frequency, reach=reach),
-        step_back=settings_of(StepBack, value),
-        drift=settings_of(DriftSettings, value, "drift_"),
-        margin=float(value("margin")),
-        fallback_count=int(value("fallback_count")),
-    )
+    hold = settings_of(HoldSettings, value, frequency=frequency, reach=reach)
+    step_back, drift = settings_of(StepBack, value), settings_of(DriftSettings, value, "drift_")
+    return settings_of(ControlSettings, value, hold=hold, step_back=step_back, drift=drift)
 
 
 def controller_of(
@@ -68,7 +63,6 @@ def identification_settings(value: Value) -> identification.Settings:
     return settings_of(identification.Settings, value, saturation=saturation)
 
 
-def settings_of(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
-    """Return the settings `kind`, each field that is not `given` read from the parameter of its name after `prefix`."""
-    types = {name: of for name, of in get_type_hints(kind).items() if name not in given}
-    return kind(**given, **{name: of(value(prefix + name)) for name, of in types.items()})
+def settings_of(kind: type[S], value: Value, prefix: str = "", **given: Any) -> S:
+    """Return the settings `kind`: `given`, and each parameter that it declares, whose name follows `prefix`."""
+    return kind(**given, **{row.name: row.kind(value(prefix + row.name)) for row in rows_of(kind)})

@@ -44,11 +44,7 @@ class MotorSettings(SupervisedSettings):
         live=True,
     )
     check_move: float = setting(
-        0.0,
-        "before a run the ceiling moves by this distance and back: direction, distance and speed are checked; 0: none",
-        "m",
-        0.0,
-        10.0,
+        0.0, "ceiling's move and back before a run: direction, distance and speed are checked; 0: none", "m", 0.0, 10.0
     )
     port: str = setting("", "serial port of the board by its stable name, /dev/serial/by-id/...")
     baud: int = setting(250_000, "baud rate of the serial port", "", 300, 2_000_000)

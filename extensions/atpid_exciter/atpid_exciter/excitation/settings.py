@@ -32,12 +32,7 @@ class ExcitationSettings(SupervisedSettings):
         choices=BACKENDS,
     )
     highest_amplitude: float = setting(
-        float,
-        "largest amplitude that may be commanded, of the support [m] or of a force [N]; of labjack_dac the eccentric "
-        "disc's, the only one there is",
-        "",
-        1e-9,
-        1e6,
+        float, "most that may be commanded [m, of a force N]; of labjack_dac the disc's, the only one", "", 1e-9, 1e6
     )
     lowest_frequency: float = setting(float, "lowest frequency that may be commanded", "Hz", 0.0, 1e5)
     highest_frequency: float = setting(float, "highest frequency that may be commanded", "Hz", 0.0, 1e5)
@@ -60,11 +55,7 @@ class ExcitationSettings(SupervisedSettings):
         2.0, "with hold: so long without a usable estimate, and five periods at least, end the output", "s", 0.2, 60.0
     )
     saturation_time: float = setting(
-        2.0,
-        "with hold: so long at its limits, the command missed by more than the tolerance, end the output",
-        "s",
-        0.1,
-        60.0,
+        2.0, "with hold: so long at its limits, the command missed beyond the tolerance, end the output", "s", 0.1, 60.0
     )
     calibration: str = setting(
         "", "calibration file of the output, channel drive_frequency [Hz] of labjack_dac, else drive_amplitude"
@@ -75,12 +66,7 @@ class ExcitationSettings(SupervisedSettings):
     connection: str = setting("ANY", "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"))
     sample_rate: float = setting(2000.0, "samples per second of a streamed output", "Hz", 100.0, 50_000.0)
     watchdog: int = setting(
-        3,
-        "the T7 itself lets its outputs rest after this silence, where all processes are gone; LabJack advises against "
-        "less than 2 to 3 s",
-        "s",
-        3,
-        60,
+        3, "the T7 itself lets its outputs rest after it, all processes gone; LabJack: not below 2 to 3 s", "s", 3, 60
     )
     library: str = setting("", "path of the vendor's library; empty: that of the system")
 
