@@ -9,16 +9,15 @@ from functools import partial
 from pathlib import Path
 
 import yaml
-from rclpy.parameter import Parameter
 
 from atpid_common.errors import DONE
 from atpid_common.nodes import node_main
-from atpid_common.nodes.parameters import Entry
+from atpid_common.parameters import Entry
 from atpid_control.nodes import live_node, recorder_parameters, replay_node
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import feed_node, motor_interface
-from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
+from atpid_driver.nodes.acquisition_parameters import common_rows, own_rows
 from atpid_exciter.nodes import excitation_node
 from atpid_lab.nodes import foxglove_node
 from atpid_sim.nodes import plant_node
@@ -26,7 +25,7 @@ from atpid_sim.nodes import plant_node
 Table = tuple[Entry, ...]
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "parameters.md"
-BACKENDS: dict[str, Table] = {name: rows_of(backend(name).settings) for name in BUILT_IN}
+BACKENDS: dict[str, Table] = {name: own_rows(backend(name).settings) for name in BUILT_IN}
 ACQUISITION: Table = common_rows()
 #: What motor and exciter share.
 DRIVES: Table = tuple(row for row in motor_interface.TABLE if row in excitation_node.TABLE)
@@ -116,7 +115,7 @@ def _joined(rows: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
 
 def _cells(row: Entry) -> tuple[str, str, str]:
     default = f"`{row.default}`" if row.default != "" else "empty"
-    if isinstance(row.default, Parameter.Type):
+    if isinstance(row.default, type):
         default = "none"
     elif isinstance(row.default, list) and len(row.default) >= _LONGEST_LIST:
         default = "all of the graph"
@@ -124,7 +123,7 @@ def _cells(row: Entry) -> tuple[str, str, str]:
     if row.low is not None and row.high is not None:
         allowed = f"{row.low:g}…{row.high:g}"
     values = f"{default}; {allowed}" if allowed else default
-    return f"`{row.name}`{', live' if row.live else ''}", values, row.descriptor().description
+    return f"`{row.name}`{', live' if row.live else ''}", values, row.meaning
 
 
 def parameter_file(name: str, text: str) -> str:
@@ -135,7 +134,7 @@ def parameter_file(name: str, text: str) -> str:
     values = node["ros__parameters"]
     if name in DEFAULTS:
         values = {row.name: row.default for row in table.values() if row.name not in SET_AT_START}
-    lines = [f"    {key}: {_scalar(value)}  # {table[key].descriptor().description}" for key, value in values.items()]
+    lines = [f"    {key}: {_scalar(value)}  # {table[key].meaning}" for key, value in values.items()]
     return "\n".join([*head, *lines, ""])
 
 

@@ -14,8 +14,8 @@ from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_common.vocabulary import EventKind
 from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import HeightCommand, LoopAnswer
-from atpid_control.loop.rumble import RumbleWatch
-from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
+from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
+from atpid_control.loop.settings import controller_of, identification_settings, selector_of, settings_of
 from atpid_control.stand.parameters import BenchError
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import Stream
@@ -82,9 +82,9 @@ def run_loop(
     selecting, identifying = parameters["selector_node"], parameters["identifier_node"]
     method = controlled(modelled).controller
     selector = selector_of(selecting.__getitem__, method, modelled, height_map, lockstep=True)
-    controller = controller_of(selecting.__getitem__, modelled, selector)
+    controller = controller_of(selecting.__getitem__, modelled, selector, None, None)
     identifier = Identifier(identification_settings(identifying.__getitem__))
-    watch = RumbleWatch(rumble_settings(identifying.__getitem__))
+    watch = RumbleWatch(settings_of(RumbleSettings, identifying.__getitem__, "rumble_"))
     scene.refuse_faults("a run without the graph", ("clock", *CEILING, *LINK, *RECORDER))  # none of which it has
     stream = Stream(scene, Plant(scene))
     ceiling = Ceiling(stream.height, moved.range, moved.speed)

@@ -18,15 +18,8 @@ AMPLITUDE, FREQUENCY = 0.03, 5.49
 THRESHOLDS = Thresholds(
     dead_time=0.2, frozen_time=1.0, converter_noise=6e-4, clipped_share=0.02, spike=0.2, spikes_per_second=3.0
 )
-IDENTIFIER = Settings(
-    window_periods=2.0, lowest_frequency=1.0, highest_frequency=40.0, mains_frequency=50.0, least_amplitude=5e-5,
-    saturation=None, change=0.01, change_likelihood=20.0, poor_residual=0.3, poor_harmonics=0.2, poor_lost=0.5,
-    analysis_rate=1000.0,
-)  # fmt: skip
-HOLD = HoldSettings(
-    dead_band=0.01, sigmas=4.0, steady_count=4, rising_count=4, falling_count=2, frequency=FREQUENCY,
-    frequency_tolerance=0.03,
-)  # fmt: skip
+IDENTIFIER = Settings(second_tone=0.0, slow_drift=0.0)
+HOLD = HoldSettings(frequency=FREQUENCY, frequency_band=0.0)
 
 
 def run(root: Path, phase: float, gives: float | None) -> tuple[ChannelState, list[float], Quality]:

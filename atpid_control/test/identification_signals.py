@@ -12,11 +12,7 @@ from atpid_sim.system import Array
 
 RATE, FREQUENCY, AMPLITUDE = 1000.0, 5.49, 0.015
 PERIOD = 1.0 / FREQUENCY
-SETTINGS = Settings(
-    window_periods=2.0, lowest_frequency=1.0, highest_frequency=40.0, mains_frequency=50.0, least_amplitude=5e-5,
-    saturation=None, change=0.01, change_likelihood=20.0, poor_residual=0.3, poor_harmonics=0.2, poor_lost=0.5,
-    analysis_rate=1000.0,
-)  # fmt: skip
+SETTINGS = Settings(second_tone=0.0, slow_drift=0.0)
 
 
 def times(seconds: float, rate: float = RATE) -> Array:

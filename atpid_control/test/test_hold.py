@@ -127,7 +127,7 @@ def test_contradictory_settings_are_refused_in_one_line() -> None:
     bad = {"dead_band": (-0.1, math.nan), "steady_count": (0,), "rising_count": (1,), "frequency": (math.nan,)}
     for name, values in bad.items():
         for value in values:
-            with pytest.raises(HoldError, match=rf"^{name}: given {value}; allowed: [^\n]*$"):
+            with pytest.raises(HoldError, match=rf"^{name}: given {value}.*; allowed: [^\n]*$"):
                 hold(**{name: value})
 
 
@@ -231,17 +231,18 @@ def sensors(**channels: float) -> LatestBlocks:
     return made
 
 
-RIGHT = LoopSnapshot(
-    now=10.05, sensors=sensors(support=1.0, beam=0.9), scene=CEILING, motor=CEILING, recording=True, written=5
-)
+RIGHT = LoopSnapshot(sensors(support=1.0, beam=0.9), scene=CEILING, motor=CEILING, recording=True, written=5)
+NOW = 10.05
 
 
 def test_a_loop_in_order_passes_and_all_that_fails_is_named_at_once() -> None:
-    assert failures(RIGHT) == []
-    assert failures(replace(RIGHT, scene=None, motor=None)) == [], "a ceiling that no controller moves"
-    assert failures(replace(RIGHT, recorder_expected=False, recording=False)) == []
-    assert failures(replace(RIGHT, motor=Ceiling(0.01, 1.2, 0.3))) == [], "a motor that can do more"
-    assert len(failures(LoopSnapshot(now=0.0, sensors=LatestBlocks(), scene=CEILING, errors={"beam": "dead"}))) == 4
+    assert failures(RIGHT, NOW) == []
+    assert failures(replace(RIGHT, scene=None, motor=None), NOW) == [], "a ceiling that no controller moves"
+    assert failures(replace(RIGHT, recorder_expected=False, recording=False), NOW) == []
+    assert failures(replace(RIGHT, motor=Ceiling(0.01, 1.2, 0.3)), NOW) == [], "a motor that can do more"
+    assert len(failures(LoopSnapshot(scene=CEILING, errors={"beam": "dead"}), 0.0)) == 4
+    (old,) = failures(replace(RIGHT, sensors=sensors(beam=1.0)), 12.0)
+    assert re.search(r"^beam: .*2\.0 s", old)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +250,6 @@ def test_a_loop_in_order_passes_and_all_that_fails_is_named_at_once() -> None:
     [
         ({"sensors": LatestBlocks()}, "^sensors: "),
         ({"sensors": sensors(support=1.0, beam=0.4)}, r"^beam: 40\s?%"),
-        ({"now": 12.0, "sensors": sensors(beam=1.0)}, r"^beam: .*2\.0 s"),
         ({"errors": {"beam": "frozen at 3.1 V"}}, r"^beam: frozen at 3\.1 V"),
         ({"motor": None}, "^motor_node: .*limits"),
         ({"motor": Ceiling(0.02, 1.0, 0.3)}, r"0\.017 to 1 m, .* 0\.02 to 1 m"),
@@ -260,5 +260,5 @@ def test_a_loop_in_order_passes_and_all_that_fails_is_named_at_once() -> None:
     ],
 )
 def test_what_fails_is_named(change: dict[str, object], line: str) -> None:
-    (found,) = failures(replace(RIGHT, **change))  # type: ignore[arg-type]
+    (found,) = failures(replace(RIGHT, **change), NOW)  # type: ignore[arg-type]
     assert re.search(line, found)

@@ -193,7 +193,7 @@ def test_what_is_no_tone_is_poor_or_nothing() -> None:
 
 def test_bad_settings_and_samples_are_refused_in_one_line() -> None:
     identifier, samples = Identifier(SETTINGS), np.zeros(10)
-    with pytest.raises(IdentificationError, match=r"^window_periods: .*0\.5; .*1$"):
+    with pytest.raises(IdentificationError, match=r"^window_periods: .*0\.5; .*1 to 20$"):
         with_(window_periods=0.5)
     with pytest.raises(IdentificationError, match="saturation"):
         with_(saturation=(1.0, 0.0))

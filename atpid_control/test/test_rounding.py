@@ -16,8 +16,8 @@ import yaml
 
 from atpid_control.identification import Identifier
 from atpid_control.loop.controller import SelectingController
-from atpid_control.loop.rumble import RumbleWatch
-from atpid_control.loop.settings import control_settings, identification_settings, rumble_settings
+from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
+from atpid_control.loop.settings import control_settings, identification_settings, settings_of
 from atpid_control.selection.lookup import LookupSelector
 from atpid_control.stand.parameters import parameters_in
 from atpid_sim.maps import HeightMap
@@ -42,7 +42,7 @@ def decided(frequency: float, samples: Array) -> list[tuple[Any, ...]]:
     """Return what is decided at each block about the support's samples (n,) [m]; the beam moves five times as far."""
     selecting, identifying = parameters("selector"), parameters("identifier")
     identifier = Identifier(identification_settings(identifying.__getitem__))
-    watch = RumbleWatch(rumble_settings(identifying.__getitem__))
+    watch = RumbleWatch(settings_of(RumbleSettings, identifying.__getitem__, "rumble_"))
     settings = control_settings(selecting.__getitem__, frequency)
     machine = SelectingController(settings, LookupSelector(SCENE, HEIGHTS), (0.017, 1.0))
     decisions = []

@@ -16,13 +16,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_control.identification import Estimate, Quality
-from atpid_control.selection import METHODS, Excitation, HeightSelector, Selection, SelectionError, make_selector
+from atpid_control.selection import Excitation, HeightSelector, Selection, SelectionError, make_selector
 from atpid_control.selection.by_rms import Realisation, least_rms
 from atpid_control.selection.checks import HeightRequest, Resonance, resolved
 from atpid_control.selection.direct import without_collection
 from atpid_control.selection.pca import PcaSelector, tune
 from atpid_control.selection.pca_models import ComplexModel, Impact, judge, response_lag, simplified
 from atpid_control.selection.protocol import violations
+from atpid_control.selection.registry import METHODS
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height, build_map
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping, standard_bench

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
-from atpid_control.selection import METHODS, Excitation, SelectionError, make_selector, methods
+from atpid_control.selection import Excitation, SelectionError, make_selector
+from atpid_control.selection.registry import METHODS, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
 
 FILE = Path(__file__).parents[2] / "scenes" / "thesis_4_3.yaml"

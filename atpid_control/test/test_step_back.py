@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from atpid_control.loop.hold import HoldError, StepBack, StepBackMonitor
 
-SETTINGS = StepBack(share=0.06, settle=4, count=3, excess=0.15, memory=0.05)
+SETTINGS = StepBack(settle_count=4, rumble_count=3)
 LOWEST = 0.017
 heights = st.floats(LOWEST, 2.0)
 amplitudes = st.floats(1e-3, 0.1)
@@ -72,7 +72,7 @@ def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled() -> None:
 
 
 def test_while_it_fades_the_count_is_held() -> None:
-    machine = retreat(settle=0, count=12)
+    machine = retreat(settle_count=0, rumble_count=12)
     machine.on_event("rumble")
     swelling, fading = [0.15 + 0.01 * k for k in range(8)], [0.2 - 0.01 * k for k in range(5)]
     assert steps(machine, swelling) == []
@@ -81,7 +81,7 @@ def test_while_it_fades_the_count_is_held() -> None:
 
 
 def test_short_bursts_that_come_back_are_a_rumble() -> None:
-    machine = retreat(count=50)
+    machine = retreat(rumble_count=50)
     steps(machine, [0.1] * 10)
     for burst in range(2):
         assert steps(machine, [0.15, 0.16]) == []
@@ -91,8 +91,10 @@ def test_short_bursts_that_come_back_are_a_rumble() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{"share": 0.0}, {"share": 1.0}, {"count": 0}, {"settle": -1}, {"excess": -0.1}, {"memory": math.nan}]
-)
-def test_contradictory_settings_are_refused_in_one_line(changes: dict[str, float]) -> None:
-    with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        retreat(**changes)
+    ("name", "value"),
+    [("step_back", 0.0), ("step_back", 1.0), ("rumble_count", 0), ("settle_count", -1), ("step_back_excess", -0.1),
+     ("step_back_memory", math.nan)],
+)  # fmt: skip
+def test_contradictory_settings_are_refused_in_one_line(name: str, value: float) -> None:
+    with pytest.raises(HoldError, match=rf"^{name}: given .*; allowed: "):
+        retreat(**{name: value})

@@ -37,10 +37,7 @@ class Rig:
 
 def channels(first: int, prefix: str, kind: str = "voltage", count: int = 2) -> tuple[Channel, ...]:
     names = ("support_displacement", "beam_displacement", "beam_acceleration")[:count]
-    return tuple(
-        Channel.model_validate({"name": name, "terminal": f"{prefix}{first + i}", "kind": kind})
-        for i, name in enumerate(names)
-    )
+    return tuple(Channel(name, f"{prefix}{first + i}", kind) for i, name in enumerate(names))
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from atpid_driver.acquisition import (
 from atpid_driver.acquisition.contract import AcquisitionContract
 from atpid_driver.acquisition.labjack import LabJackAcquisition, load_ljm, skew_s
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
-from atpid_driver.acquisition.protocol import LabJackSettings, NiSettings, checked
+from atpid_driver.acquisition.protocol import Channel, LabJackSettings, NiSettings
 from atpid_driver.standins import Control, Feed, build
 
 LJM, NIDAQMX = (build() / name for name in ("libLabJackM.so", "libnidaqmx.so"))
@@ -133,8 +133,8 @@ def device(control: Control) -> Iterator[LabJackAcquisition]:
 
 
 def t7(scans: int = 20, **changes: object) -> LabJackAcquisition:
-    values = {"channels": channels(0, "AIN"), "rate": 1000.0, "scans_per_block": scans, "library": str(LJM)}
-    return LabJackAcquisition(checked(LabJackSettings, values | changes))
+    values: dict[str, Any] = {"rate": 1000.0, "scans_per_block": scans, "library": str(LJM)}
+    return LabJackAcquisition(LabJackSettings(**({"channels": channels(0, "AIN")} | values | changes)))
 
 
 def test_a_read_error_ends_the_stream_in_one_line_and_stop_forgives(
@@ -213,8 +213,9 @@ def test_a_feed_arrives_scan_for_scan_and_one_faster_than_the_reader_is_an_overr
 )
 def test_without_the_library_one_line_names_what_to_install(name: str, terminal: str, names: tuple[str, ...]) -> None:
     """In a process of its own, since this one has the stand-in."""
-    values = {"channels": [{"name": "a", "terminal": terminal}], "rate": 1280.0, "scans_per_block": 64}
+    values = {"channels": [Channel("a", terminal)], "rate": 1280.0, "scans_per_block": 64}
     program = (
+        "from atpid_driver.acquisition.protocol import Channel\n"
         f"from atpid_driver.acquisition.registry import create\ndevice = create({name!r}, {values})\n"
         "try:\n    device.open()\nexcept ValueError as error:\n    print(type(error).__name__, error)\n"
     )
@@ -232,7 +233,7 @@ def test_without_the_library_one_line_names_what_to_install(name: str, terminal:
         ({"voltage_range": 5.0}, "10, 1, 0.1, 0.01"),
         ({"rate": -1.0}, "rate"),
         ({"channels": []}, "channels"),
-        ({"channels": [{"name": "x", "terminal": "AIN99"}]}, "AIN0.*AIN13"),
+        ({"channels": [Channel("x", "AIN99")]}, "AIN0.*AIN13"),
     ],
 )
 def test_impossible_settings_are_refused_in_one_line(changes: dict[str, object], parts: str, control: Control) -> None:
@@ -250,13 +251,13 @@ def make(request: pytest.FixtureRequest, control: Control) -> Iterator[MakeNi]:
     made: list[NiAcquisition] = []
 
     with Server(NIDAQMX) as server:
-        values = {
+        values: dict[str, Any] = {
             "channels": channels(0, "ai", "iepe", 3), "rate": 12_800.0, "scans_per_block": 1280,
             "library": str(NIDAQMX), "grpc": server.address if request.param == "grpc" else "",
         }  # fmt: skip
 
         def build_one(**changes: Any) -> NiAcquisition:
-            made.append(NiAcquisition(checked(NiSettings, values | changes)))
+            made.append(NiAcquisition(NiSettings(**(values | changes))))
             return made[-1]
 
         yield build_one
@@ -297,7 +298,7 @@ def test_a_read_error_is_one_line_and_the_task_starts_again(make: MakeNi, contro
 def test_refusals_name_what_is_allowed(make: MakeNi) -> None:
     wrong: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"rate": 20_000.0}, SetupRefusedError, "12.8 kS/s"),
-        ({"channels": [{"name": "x", "terminal": "ai7"}]}, SetupRefusedError, "ai0, ai1, ai2"),
+        ({"channels": [Channel("x", "ai7")]}, SetupRefusedError, "ai0, ai1, ai2"),
         ({"device": "cDAQ9Mod9"}, DeviceMissingError, "NI MAX"),
         ({"grpc": "127.0.0.1:1"}, DeviceMissingError, r"127\.0\.0\.1:1"),
     ]

@@ -230,13 +230,14 @@ def test_bad_parameters_end_the_program_with_status_2_and_one_line(capfd: pytest
 
 
 OWN = """
-from typing import Literal
+from dataclasses import dataclass
 from atpid_driver.acquisition import Backend, setting
 from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
+@dataclass(frozen=True, kw_only=True)
 class OwnSettings(SimulatedSettings):
     gain: float = setting(2.0, "gain of the amplifier", "1", 0.1, 100.0)
-    filter: Literal["off", "on"] = setting("off", "low-pass filter")
+    filter: str = setting("off", "low-pass filter", choices=("off", "on"))
 BACKEND = Backend(OwnSettings, SimulatedAcquisition)
 """
 WIRING = {"channels": ["support_displacement"], "terminals": ["x"], "calibrations": ["laser_support.yaml"]}

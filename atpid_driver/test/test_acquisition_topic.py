@@ -33,7 +33,7 @@ CHANNELS = (Channel(name="a", terminal="data[0]"), Channel(name="b", terminal="d
 
 
 def acquisition(**more: Any) -> TopicAcquisition:
-    told = {"channels": CHANNELS, "rate": RATE, "scans_per_block": 10, "source": "imu/data"}
+    told: dict[str, Any] = {"channels": CHANNELS, "rate": RATE, "scans_per_block": 10, "source": "imu/data"}
     return TopicAcquisition(TopicSettings(**told | more))
 
 

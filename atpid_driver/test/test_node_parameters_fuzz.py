@@ -19,14 +19,14 @@ from atpid_common.errors import AtpidError
 from atpid_driver.acquisition.registry import BUILT_IN
 from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
+from atpid_driver.nodes.acquisition_parameters import common_rows, own_rows
 from atpid_driver.nodes.feed_node import FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.motor_node import MotorNode
 from atpid_driver.nodes.ni_node import NiNode
 
 CONFIG = Path(__file__).parents[1] / "config"
-BACKENDS = [row for made in BUILT_IN.values() for row in rows_of(made.settings)]
+BACKENDS = [row for made in BUILT_IN.values() for row in own_rows(made.settings)]
 ACQUISITION = sorted({row.name for row in (*common_rows(), *BACKENDS)})
 MOTOR = [row.name for row in motor_interface.TABLE]
 LONG = (1 << 63) - 1

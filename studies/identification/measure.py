@@ -23,12 +23,8 @@ from atpid_sim.system import Array
 from studies.identification.baselines import cramer_rao, fft_bin, hann_parabola, jacobsen, plain_sine_fit
 
 #: The values of config/identifier.yaml.
-SETTINGS = Settings(
-    window_periods=2.0, lowest_frequency=1.0, highest_frequency=40.0, mains_frequency=50.0, least_amplitude=5e-5,
-    saturation=None, change=0.01, change_likelihood=20.0, poor_residual=0.3, poor_harmonics=0.2, poor_lost=0.5,
-    analysis_rate=1000.0, slow_drift=0.03, second_tone=0.1,
-)  # fmt: skip
-RUMBLE = RumbleSettings(onset=0.06, calm=0.03, calm_periods=3, least_amplitude=0.002)
+SETTINGS = Settings()
+RUMBLE = RumbleSettings()
 RATE, BLOCK, FREQUENCY, AMPLITUDE = 1000.0, 50, 5.49, 0.015
 STEP_AT, CLOSED_AMPLITUDE = 2.03, 0.01
 TAU = 2.0 * math.pi

@@ -18,7 +18,7 @@ from sim_refusals import has_parts, refused
 from atpid_control.loop.settings import selector_of
 from atpid_control.selection import Excitation, SelectionError, make_selector
 from atpid_control.selection.direct import Deadline, DirectSelector, OutOfTimeError, SelectionThreads, guaranteed
-from atpid_control.selection.margin import MarginBox, Robust, points, robust_height, systems_of
+from atpid_control.selection.margin import MarginBox, MarginSearch, Robust, points, systems_of
 from atpid_control.selection.pca_models import simplified
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing, WindowResponse, best_height
@@ -147,7 +147,7 @@ def test_whenever_it_is_ended_there_is_an_answer_and_no_more_runs(scene: Scene) 
     excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
 
     def ended_after(questions: float) -> Robust:
-        return robust_height(systems, excitation, 0.235, limits, map, Counted(questions))
+        return MarginSearch(systems, excitation, limits, map, Counted(questions)).found(0.235)
 
     complete = ended_after(math.inf)
     assert complete.verified == complete.sampled == 123

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import nan
 
 from atpid_common.errors import InputError
+from atpid_common.parameters import live, problem_of, setting
 from atpid_common.vocabulary import Origin, Quality
 
 #: Unit of a channel whose tone is divided by the square of its angular frequency.
@@ -23,43 +24,39 @@ class IdentificationError(InputError):
 
 @dataclass(frozen=True)
 class Settings:
-    """Limits of the search and of quality; none has a physical default, the parameter file has the values."""
+    """Limits of the search and of quality: parameters of the identifier."""
 
-    window_periods: float  # length of the sliding window in periods of the tone, one at least
-    lowest_frequency: float  # [Hz]
-    highest_frequency: float  # [Hz]
-    mains_frequency: float  # hum that joins the fit where it is present [Hz], 0: none
-    least_amplitude: float  # a tone smaller than this is no signal [m, of a force N]
-    saturation: tuple[float, float] | None  # at or beyond these a sample is not valid [m, of a force N]
-    change: float  # relative change of a steady amplitude that counts as one [-]
-    change_likelihood: float  # log-likelihood from which a tone counts as changing within the window [-]
-    poor_residual: float  # residual over amplitude from which an estimate is poor [-]
-    poor_harmonics: float  # harmonics over amplitude from which an estimate is poor [-]
-    poor_lost: float  # share of lost samples from which an estimate is poor [-]
-    analysis_rate: float  # streams of twice this rate and more are averaged down to it [Hz]
-    second_tone: float = 0.0  # amplitude over the first's from which another tone spoils the estimate; 0: none does [-]
-    slow_drift: float = 0.0  # relative rate of a frequency up to which its tone is steady, not another one [1/s]
+    window_periods: float = setting(
+        2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0
+    )
+    lowest_frequency: float = setting(1.0, "tones are looked for above this", "Hz", 0.01, 1e4)
+    highest_frequency: float = setting(40.0, "tones are looked for below this", "Hz", 0.02, 1e4)
+    mains_frequency: float = setting(50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4)
+    least_amplitude: float = live(5e-5, "a smaller tone is no excitation [m, of a force N]", "", 0.0, 1e6)
+    saturation: tuple[float, float] | None = None  # at or beyond these a sample is not valid [m, of a force N]
+    change: float = live(0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9)
+    change_likelihood: float = live(
+        20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1, 1e6
+    )
+    #: Heights are selected for one tone.
+    second_tone: float = live(
+        0.1, "amplitude over the first's from which another tone makes an estimate poor; 0: none does", "-", 0.0, 0.9
+    )
+    slow_drift: float = live(0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9)
+    poor_residual: float = live(0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0)
+    poor_harmonics: float = live(0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0)
+    poor_lost: float = live(0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0)
+    analysis_rate: float = setting(
+        1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6
+    )
 
     def __post_init__(self) -> None:
+        if problem := problem_of(self):
+            raise IdentificationError(problem)
         top = self.analysis_rate / 8.0
-        highest = f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz"
-        limits = {
-            "window_periods": (self.window_periods >= 1.0, "at least 1"),
-            "lowest_frequency": (0.0 < self.lowest_frequency < math.inf, "above 0 Hz"),
-            "highest_frequency": (self.lowest_frequency < self.highest_frequency <= top, highest),
-            "mains_frequency": (self.mains_frequency >= 0.0, "0 (none) or above"),
-            "least_amplitude": (self.least_amplitude >= 0.0, "at least 0"),
-            "change": (0.0 < self.change < 1.0, "between 0 and 1"),
-            "change_likelihood": (self.change_likelihood > 0.0, "above 0"),
-            "poor_residual": (self.poor_residual > 0.0, "above 0"),
-            "poor_harmonics": (self.poor_harmonics > 0.0, "above 0"),
-            "slow_drift": (0.0 <= self.slow_drift < 1.0, "at least 0 and below 1"),
-            "second_tone": (0.0 <= self.second_tone < 1.0, "at least 0 and below 1"),
-            "poor_lost": (0.0 < self.poor_lost <= 1.0, "above 0 and at most 1"),
-        }
-        for name, (fine, allowed) in limits.items():
-            if not fine:
-                raise IdentificationError(f"{name}: given {getattr(self, name):g}; allowed: {allowed}")
+        if not self.lowest_frequency < self.highest_frequency <= top:
+            allowed = f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz"
+            raise IdentificationError(f"highest_frequency: given {self.highest_frequency:g}; allowed: {allowed}")
         if self.saturation is not None and not self.saturation[0] < self.saturation[1]:
             raise IdentificationError(f"saturation: given {self.saturation}; allowed: lower below upper limit")
 

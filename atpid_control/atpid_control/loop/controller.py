@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from atpid_common.parameters import live
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.drift import DriftAlarm, DriftSettings, ModelCheck, Twin
@@ -33,8 +34,12 @@ class ControlSettings:
     hold: HoldSettings
     step_back: StepBack
     drift: DriftSettings
-    margin: float  # standard deviations of the amplitude the height must be safe for [-]
-    fallback_count: int = 20  # estimates in a row without a height of the method, before the look-up answers
+    margin: float = live(
+        3.0, "standard deviations of the amplitude the height must be safe for; 0: bare optimum", "-", 0.0, 100.0
+    )
+    fallback_count: int = live(
+        20, "estimates in a row without a height, before the look-up answers where a map is given", "", 1, 10_000
+    )
 
 
 class Fallback:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from atpid_common.errors import InputError
+from atpid_common.parameters import live, problem_of
 from atpid_control.loop.protocol import InlineExecutor
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -26,7 +27,7 @@ class WatchError(InputError):
 
 
 @dataclass(frozen=True)
-class DriftState:
+class _DriftState:
     """State of the alarm."""
 
     alarm: bool = False
@@ -36,18 +37,18 @@ class DriftState:
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """Settings of a `DriftAlarm`."""
+    """Settings of a `DriftAlarm`: parameters of the selector, after `drift_`."""
 
-    tolerance: float  # relative error the model may have [-]
-    noise: float  # scatter of measured amplitudes, one sigma [-]
-    #: Mean number of settled periods between false alarms while the model is off by all it may be, the worst case; an
-    #: exact model gives hardly any.
-    periods: float
+    tolerance: float = live(0.15, "relative error the model may have without a drift alarm", "-", 1e-3, 10.0)
+    noise: float = live(0.02, "standard deviation of the beam's amplitude from period to period", "-", 1e-4, 1.0)
+    #: At that edge, the worst case; an exact model gives hardly any.
+    periods: float = live(
+        10_000.0, "settled periods between false alarms of a model at the edge of its tolerance", "-", 1.0, 1e12
+    )
 
     def __post_init__(self) -> None:
-        for name, given in vars(self).items():
-            if not given > 0.0:
-                raise WatchError(f"{name}: given {given:g}; allowed: above 0")
+        if problem := problem_of(self):
+            raise WatchError(problem)
 
 
 class DriftAlarm:
@@ -57,12 +58,16 @@ class DriftAlarm:
         self._tolerance = math.log1p(settings.tolerance)
         # at the edge of the tolerance the sum has no drift, and its mean time to the threshold is the square of it
         self.threshold = settings.noise * max(math.sqrt(settings.periods) - OVERSHOOT, 1.0)
-        self._up = self._down = self._sum = 0.0
-        self._count, self.state = 0, DriftState()
+        self.reset()
 
-    def push(self, predicted: float, measured: float, settled: bool) -> DriftState:
-        """Take one period's amplitudes [m]; periods that are not `settled`, or unknown, are ignored."""
-        if not (settled and predicted > 0.0 and measured > 0.0):
+    def reset(self) -> None:
+        """Restart: another height or another excitation."""
+        self._up = self._down = self._sum = 0.0
+        self._count, self.state = 0, _DriftState()
+
+    def push(self, predicted: float, measured: float) -> _DriftState:
+        """Take a settled period's amplitudes [m]; unknown ones are ignored."""
+        if not (predicted > 0.0 and measured > 0.0):
             return self.state
         off = math.log(measured / predicted)
         self._up = max(0.0, self._up + off - self._tolerance)
@@ -73,19 +78,14 @@ class DriftAlarm:
         else:
             self._sum, self._count = self._sum + off, self._count + 1
         mean = self._sum / self._count if self._count else 0.0
-        self.state = DriftState(level > 1.0, math.expm1(mean), level)
+        self.state = _DriftState(level > 1.0, math.expm1(mean), level)
         return self.state
-
-    def reset(self) -> None:
-        """Restart: another height or another excitation."""
-        self._up = self._down = self._sum = 0.0
-        self._count, self.state = 0, DriftState()
 
 
 #: Periods simulated and, of these, looked at.
-PERIODS, LOOKED_AT = 80, 16
+_PERIODS, _LOOKED_AT = 80, 16
 #: The last answer holds until amplitude, frequency or height has moved by more than this share [-].
-SAME = 0.003
+_SAME = 0.003
 #: Settled periods in agreement after which a drift is reported again.
 _AGREEING = 16
 
@@ -94,7 +94,7 @@ class SteadyTwin:
     """Simulates the steady state of a scene's beam and damper, again only when something has changed."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self._scene = scene.with_(initial=None)
         self._inputs = (math.nan, math.nan, math.nan)
         self._answer = math.nan
         # warm-up call: the kernels are loaded, or compiled, before the first settled period
@@ -107,7 +107,7 @@ class SteadyTwin:
         10 ms.
         """
         inputs = (amplitude, frequency, height)
-        if not all(abs(new - old) <= SAME * abs(old) for new, old in zip(inputs, self._inputs, strict=True)):
+        if not all(abs(new - old) <= _SAME * abs(old) for new, old in zip(inputs, self._inputs, strict=True)):
             self._inputs, self._answer = inputs, self._simulated(*inputs)
         return self._answer
 
@@ -116,11 +116,11 @@ class SteadyTwin:
 
         if not all(map(math.isfinite, (amplitude, frequency, height))) or amplitude <= 0.0 or frequency <= 0.0:
             return math.nan
-        duration = PERIODS / frequency
+        duration, height = _PERIODS / frequency, max(height, 2.0 * self._scene.grain.radius)
+        window = duration - _LOOKED_AT / frequency, duration
         scene = self._scene.with_(
-            height=max(height, 2.0 * self._scene.grain.radius), amplitude=amplitude, frequency=frequency,
-            duration=duration, steady_window=(duration - LOOKED_AT / frequency, duration), initial=None,
-        )  # fmt: skip
+            height=height, amplitude=amplitude, frequency=frequency, duration=duration, steady_window=window
+        )
         try:
             result = simulate(scene, check=False)
         except NumericalFailure:
@@ -171,7 +171,7 @@ class ModelCheck:
 
     def _compared(self, expected: float, measured: float) -> str:
         self.expected = expected
-        state = self.alarm.push(expected, measured, True)
+        state = self.alarm.push(expected, measured)
         self._agreed = self._agreed + 1 if state.level == 0.0 and expected > 0.0 else 0
         if self._agreed >= _AGREEING:
             self._reported = False

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from atpid_common.errors import InputError
+from atpid_common.parameters import live, problem_of
 from atpid_common.vocabulary import EventKind
 from atpid_control.identification import Estimate, Quality
 
@@ -34,34 +35,33 @@ class HoldError(InputError):
     """Settings of the hold or the step back that contradict themselves."""
 
 
-@dataclass(frozen=True)
-class HoldSettings:
-    """Settings of the hold; none has a physical default, the parameter file has the values."""
+_STILL = (
+    "at which heights of a method for that one still hold; the standard bench's half-power points lie 0.022 beside it"
+)
+_ANYWHERE = "of a method that selects at any frequency: 0.01 is up to 0.05 of the height"
 
-    dead_band: float  # relative change of amplitude that moves nothing [-]
-    sigmas: float  # a change must also exceed this many standard deviations [-]
-    steady_count: int  # consecutive agreeing steady estimates that are acted on
-    rising_count: int  # consecutive rising estimates, each above the dead band, that are a ramp to follow
-    falling_count: int  # consecutive estimates below the dead band before it goes down
+
+@dataclass(frozen=True, kw_only=True)
+class HoldSettings:
+    """Settings of the hold: parameters of the selector, and what its method's heights are for."""
+
+    dead_band: float = live(
+        0.01, "relative change of amplitude that moves nothing: below 0.01 less than can be positioned", "-", 0.0, 0.9
+    )
+    sigmas: float = live(4.0, "a change must also exceed this many standard deviations", "-", 0.0, 100.0)
+    steady_count: int = live(4, "consecutive agreeing steady estimates that are acted on", "", 1, 1000)
+    rising_count: int = live(4, "consecutive rising estimates that are a ramp to follow", "", 2, 1000)
+    falling_count: int = live(2, "consecutive lower estimates before the ceiling goes down", "", 1, 1000)
+    frequency_tolerance: float = live(0.03, f"relative distance from the scene's frequency {_STILL}", "-", 1e-6, 1.0)
+    frequency_band: float = live(0.0025, f"relative change of frequency that moves nothing, {_ANYWHERE}", "-", 0.0, 0.9)
     frequency: float  # frequency the heights are made for [Hz]
-    frequency_tolerance: float  # relative distance from it at which they still hold, without `reach` [-]
     reach: tuple[float, float] | None = None  # of a method that selects at any frequency between these [Hz]
-    frequency_band: float = 0.0  # relative change of frequency that moves nothing, with `reach` [-]
 
     def __post_init__(self) -> None:
-        limits = {
-            "dead_band": (self.dead_band, 0.0 <= self.dead_band < 1.0, "at least 0 and below 1"),
-            "sigmas": (self.sigmas, self.sigmas >= 0.0, "at least 0"),
-            "steady_count": (self.steady_count, self.steady_count >= 1, "at least 1"),
-            "rising_count": (self.rising_count, self.rising_count >= 2, "at least 2"),
-            "falling_count": (self.falling_count, self.falling_count >= 1, "at least 1"),
-            "frequency": (self.frequency, 0.0 < self.frequency < math.inf, "a positive number of hertz"),
-            "frequency_tolerance": (self.frequency_tolerance, self.frequency_tolerance > 0.0, "above 0"),
-            "frequency_band": (self.frequency_band, 0.0 <= self.frequency_band < 1.0, "at least 0 and below 1"),
-        }
-        for name, (given, fine, allowed) in limits.items():
-            if not fine:
-                raise HoldError(f"{name}: given {given}; allowed: {allowed}")
+        if problem := problem_of(self):
+            raise HoldError(problem)
+        if not 0.0 < self.frequency < math.inf:
+            raise HoldError(f"frequency: given {self.frequency}; allowed: a positive number of hertz")
 
 
 @dataclass(frozen=True)
@@ -232,23 +232,25 @@ _BURSTS = 2
 
 @dataclass(frozen=True)
 class StepBack:
-    """Settings of the step back; the parameter file has the values."""
+    """Settings of the step back, parameters of the selector."""
 
-    share: float  # of the clearance above the lowest height given up each time [-]
-    settle: int  # estimates after the ceiling has come to rest in which rumble is ignored
-    count: int  # estimates that rumble after that, fading ones left out, before each step
-    excess: float  # amplitude of the beam above the predicted that is more than inaccuracy [-]
-    memory: float  # change of the excitation's amplitude over which a step back applies [-]
+    step_back: float = live(0.06, "share of the clearance given up when the motion is irregular", "-", 1e-3, 0.9)
+    settle_count: int = live(
+        24, "estimates at rest before irregular motion counts: the closed beam's decay time", "", 0, 10_000
+    )
+    rumble_count: int = live(
+        6, "consecutive irregular estimates after that, before the ceiling steps back", "", 1, 10_000
+    )
+    step_back_excess: float = live(
+        0.15, "amplitude of the beam above the predicted that is more than inaccuracy", "-", 0.0, 10.0
+    )
+    step_back_memory: float = live(
+        0.05, "change of the excitation's amplitude over which a step back applies", "-", 0.0, 10.0
+    )
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.share < 1.0:
-            raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
-        if self.count < 1 or self.settle < 0:
-            given = f"{self.count} and {self.settle}"
-            raise HoldError(f"rumble_count and settle_count: given {given}; allowed: at least 1 and at least 0")
-        for name, given_value in (("step_back_excess", self.excess), ("step_back_memory", self.memory)):
-            if not given_value >= 0.0:
-                raise HoldError(f"{name}: given {given_value}; allowed: at least 0")
+        if problem := problem_of(self):
+            raise HoldError(problem)
 
 
 class StepBackMonitor:
@@ -270,14 +272,14 @@ class StepBackMonitor:
     @property
     def settled(self) -> bool:
         """Whether the ceiling has stood for the settling time and the beam is regular."""
-        return self._stood > self.settings.settle and not self._rumbling
+        return self._stood > self.settings.settle_count and not self._rumbling
 
     def on_event(self, kind: str) -> None:
         """Take an event: `rumble`, or `calm` when that has ended."""
         if kind not in (EventKind.RUMBLE, EventKind.CALM):
             return
         self._rumbling = kind == EventKind.RUMBLE
-        if self._rumbling and self._stood > self.settings.settle and self._amplitudes:
+        if self._rumbling and self._stood > self.settings.settle_count and self._amplitudes:
             # a burst is detected near its end: its size shows in the amplitudes before
             self._bursts += not max(self._amplitudes) <= self._limit
 
@@ -290,12 +292,12 @@ class StepBackMonitor:
         """
         self._amplitudes.append(amplitude)
         decaying = len(self._amplitudes) == DECAY_SPAN and amplitude < DECAY * self._amplitudes[0]
-        self._limit = (1.0 + self.settings.excess) * expected
+        self._limit = (1.0 + self.settings.step_back_excess) * expected
         self._stood = self._stood + 1 if standing else 0
-        caused = self._rumbling and self._stood > self.settings.settle and not amplitude <= self._limit
+        caused = self._rumbling and self._stood > self.settings.settle_count and not amplitude <= self._limit
         # a rumble swells and fades: while it fades the count is held
         self._rumbled = (self._rumbled + (not decaying)) if caused else 0
-        return self._rumbled >= self.settings.count or self._bursts >= _BURSTS
+        return self._rumbled >= self.settings.rumble_count or self._bursts >= _BURSTS
 
     def interrupt(self) -> None:
         """Restart the counts: another height was selected."""
@@ -306,9 +308,9 @@ class StepBackMonitor:
         if not self._applies(amplitude):
             self._kept = 1.0
         self._stepped_at = amplitude
-        self._kept *= 1.0 - self.settings.share
+        self._kept *= 1.0 - self.settings.step_back
         self.interrupt()
-        return height - self.settings.share * max(0.0, height - self._lowest)
+        return height - self.settings.step_back * max(0.0, height - self._lowest)
 
     def allowed(self, height: float, amplitude: float) -> float:
         """Return the height [m] allowed where `height` is selected for `amplitude` [m]: lower after a step back."""
@@ -317,4 +319,4 @@ class StepBackMonitor:
         return height if self._kept == 1.0 else self._lowest + self._kept * max(0.0, height - self._lowest)
 
     def _applies(self, amplitude: float) -> bool:
-        return abs(amplitude - self._stepped_at) <= self.settings.memory * self._stepped_at
+        return abs(amplitude - self._stepped_at) <= self.settings.step_back_memory * self._stepped_at

@@ -21,7 +21,7 @@ from atpid_common.vocabulary import Severity
 P = ParamSpec("P")
 T = TypeVar("T")
 #: Nice value of a computing thread above that of the process: it still gets a third of a core beside a busy process.
-NICE = 5
+_NICE = 5
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,8 @@ class InlineExecutor(Executor):
 
 def threaded(name: str) -> ThreadPoolExecutor:
     """Return an executor of one thread called `name`: its calls run one after the other."""
-    return ThreadPoolExecutor(1, thread_name_prefix=name, initializer=lower_priority)
 
+    def lower() -> None:  # on Linux a nice value belongs to a thread
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + _NICE, 19))
 
-def lower_priority() -> None:
-    """Lower the priority of the calling thread; on Linux a nice value belongs to a thread."""
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + NICE, 19))
+    return ThreadPoolExecutor(1, thread_name_prefix=name, initializer=lower)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from atpid_common.parameters import live, problem_of
 from atpid_control.identification.window import smoothed_half_range
 from atpid_control.loop.drift import WatchError
 from atpid_sim.system import Array
@@ -22,32 +23,27 @@ PERIODS = 8
 #: A window over which the amplitude grows or falls by more than this factor is not judged: the motion has just begun.
 SWEEP = 2.5
 #: A period counts where at least this share of its samples is valid.
-VALID = 0.8
+_VALID = 0.8
 
 
 @dataclass(frozen=True)
 class RumbleSettings:
-    """Hysteresis of the alarm; the parameter file has the values."""
+    """Hysteresis of the alarm: parameters of the identifier, after `rumble_`."""
 
-    onset: float  # scatter of the amplitude from which the response is irregular [-]
-    calm: float  # scatter below which a period is calm again [-]
-    calm_periods: int  # calm periods in a row that end the rumble
-    least_amplitude: float  # a smaller response is not judged [m]
+    onset: float = live(0.06, "scatter of the beam's amplitude from which its motion is irregular", "-", 1e-4, 0.99)
+    calm: float = live(0.03, "scatter below which a period is regular, at most rumble_onset", "-", 1e-4, 0.99)
+    calm_periods: int = live(3, "consecutive regular periods that end irregular motion", "", 1, 1000)
+    least_amplitude: float = live(0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0)
 
     def __post_init__(self) -> None:
-        limits = {
-            "onset": (self.onset, 0.0 < self.onset < 1.0, "between 0 and 1"),
-            "calm": (self.calm, 0.0 < self.calm <= self.onset, "above 0 and at most onset"),
-            "calm_periods": (self.calm_periods, self.calm_periods >= 1, "at least 1"),
-            "least_amplitude": (self.least_amplitude, self.least_amplitude >= 0.0, "at least 0 m"),
-        }
-        for name, (given, fine, allowed) in limits.items():
-            if not fine:
-                raise WatchError(f"{name}: given {given:g}; allowed: {allowed}")
+        if problem := problem_of(self):
+            raise WatchError(problem)
+        if self.calm > self.onset:
+            raise WatchError(f"calm: given {self.calm:g}; allowed: above 0 and at most onset, {self.onset:g}")
 
 
 @dataclass(frozen=True)
-class RumbleState:
+class _RumbleState:
     """State after the newest whole period."""
 
     rumbling: bool = False
@@ -66,9 +62,9 @@ class RumbleWatch:
         self._first = 0  # index of the first sample held
         self._boundary = 0.0  # where the present period began, as an index
         self._calm = 0
-        self.state = RumbleState()
+        self.state = _RumbleState()
 
-    def push(self, first_index: int, rate: float, beam: Array, frequency: float) -> RumbleState:
+    def push(self, first_index: int, rate: float, beam: Array, frequency: float) -> _RumbleState:
         """Take a block of the beam's displacement (n,) [m], NaN where invalid, at `rate` [Hz].
 
         `frequency` [Hz] is the excitation's; without one (NaN) nothing is judged. Missing blocks show in
@@ -87,7 +83,7 @@ class RumbleWatch:
         self._held, self._first, self._boundary = np.empty(0), index, float(index)
         self._amplitudes.clear()
         self._calm = 0
-        self.state = RumbleState(periods=self.state.periods)
+        self.state = _RumbleState(periods=self.state.periods)
 
     def _take_periods(self, rate: float, frequency: float) -> None:
         length = round(rate / frequency, 6)  # where it is whole, the last digits of the frequency do not matter
@@ -100,15 +96,15 @@ class RumbleWatch:
 
     def _take(self, period: Array, step: float, frequency: float) -> None:
         valid = np.count_nonzero(~np.isnan(period))
-        amplitude = smoothed_half_range(period, step, frequency) if valid >= VALID * period.size else math.nan
+        amplitude = smoothed_half_range(period, step, frequency) if valid >= _VALID * period.size else math.nan
         seen = self.state.periods + 1
         if not amplitude > self.settings.least_amplitude:
             self._amplitudes.clear()
-            self.state = RumbleState(self.state.rumbling, amplitude=amplitude, periods=seen)
+            self.state = _RumbleState(self.state.rumbling, amplitude=amplitude, periods=seen)
             return
         self._amplitudes.append(amplitude)
-        scatter, _ = scatter_of(np.array(self._amplitudes))
-        self.state = RumbleState(self._decide(scatter), scatter, amplitude, seen)
+        scatter = scatter_of(np.array(self._amplitudes))
+        self.state = _RumbleState(self._decide(scatter), scatter, amplitude, seen)
 
     def _decide(self, scatter: float) -> bool:
         if math.isnan(scatter):
@@ -120,14 +116,13 @@ class RumbleWatch:
         return self.state.rumbling and self._calm < self.settings.calm_periods
 
 
-def scatter_of(amplitudes: Array) -> tuple[float, float]:
-    """Return scatter and alternation [-] of successive periods' amplitudes (n,) [m]; NaN where it is not judged."""
+def scatter_of(amplitudes: Array) -> float:
+    """Return the scatter [-] of successive periods' amplitudes (n,) [m]; NaN where it is not judged."""
     if amplitudes.size < PERIODS or amplitudes.max() > SWEEP * amplitudes.min():
-        return math.nan, math.nan
+        return math.nan
     logarithms = np.log(amplitudes)
-    coefficients = _SOLVE @ logarithms
-    left = logarithms - _MODEL @ coefficients
-    return float(np.sqrt(left @ left / (PERIODS - _MODEL.shape[1]))), float(abs(coefficients[-1]))
+    left = logarithms - _MODEL @ (_SOLVE @ logarithms)
+    return float(np.sqrt(left @ left / (PERIODS - _MODEL.shape[1])))
 
 
 _X = np.linspace(-1.0, 1.0, PERIODS)

@@ -3,28 +3,23 @@
 """What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
+from atpid_common.parameters import Value, rows_of
 from atpid_control import identification
 from atpid_control.loop.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings, SteadyTwin
 from atpid_control.loop.hold import HoldSettings, StepBack
-from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.selection import HeightSelector, Options, make_selector
 from atpid_control.selection.protocol import reach_of
 from atpid_sim.scene import Scene
 
-#: The value of a parameter; raises a ValueError of ours where the parameter file has none.
-Value = Callable[[str], Any]
 S = TypeVar("S")
 
 
-def selector_of(
-    value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool
-) -> HeightSelector:  # fmt: skip
+def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool) -> HeightSelector:
     """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where that fails.
 
     lockstep: the simulation waits for the answer, so a margin has no deadline, and a run is the same on any machine.
@@ -40,30 +35,18 @@ def control_settings(value: Value, frequency: float, selector: HeightSelector | 
     Raises HoldError or WatchError where they contradict themselves.
     """
     reach = None if selector is None else reach_of(selector)
-    return ControlSettings(
-        hold=_read(HoldSettings, value, frequency=frequency, reach=reach),
-        step_back=StepBack(
-            share=float(value("step_back")),
-            settle=int(value("settle_count")),
-            count=int(value("rumble_count")),
-            excess=float(value("step_back_excess")),
-            memory=float(value("step_back_memory")),
-        ),
-        drift=_read(DriftSettings, value, "drift_"),
-        margin=float(value("margin")),
-        fallback_count=int(value("fallback_count")),
-    )
+    hold = settings_of(HoldSettings, value, frequency=frequency, reach=reach)
+    step_back, drift = settings_of(StepBack, value), settings_of(DriftSettings, value, "drift_")
+    return settings_of(ControlSettings, value, hold=hold, step_back=step_back, drift=drift)
 
 
 def controller_of(
-    value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None,
-    fallback: HeightSelector | None = None,
-) -> Controller:  # fmt: skip
+    value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None, fallback: HeightSelector | None
+) -> Controller:
     """Return the controller for a scene, by the parameters of selector.yaml.
 
     executor: where heights are computed; None: inline. fallback: looks heights up where the selector fails.
-    Raises HoldError or WatchError where the parameters contradict
-    themselves.
+    Raises HoldError or WatchError where the parameters contradict themselves.
     """
     if not scene.ceiling.controlled:
         return ProfileController(scene.ceiling.heights)
@@ -77,15 +60,9 @@ def identification_settings(value: Value) -> identification.Settings:
     """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
     limits = float(value("lower_limit")), float(value("upper_limit"))
     saturation = None if limits == (-math.inf, math.inf) else limits
-    return _read(identification.Settings, value, saturation=saturation)
+    return settings_of(identification.Settings, value, saturation=saturation)
 
 
-def rumble_settings(value: Value) -> RumbleSettings:
-    """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
-    return _read(RumbleSettings, value, "rumble_")
-
-
-def _read(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
-    """Return the settings `kind`, each field that is not `given` read from the parameter of its name after `prefix`."""
-    types = {name: of for name, of in get_type_hints(kind).items() if name not in given}
-    return kind(**given, **{name: of(value(prefix + name)) for name, of in types.items()})
+def settings_of(kind: type[S], value: Value, prefix: str = "", **given: Any) -> S:
+    """Return the settings `kind`: `given`, and each parameter that it declares, whose name follows `prefix`."""
+    return kind(**given, **{row.name: row.kind(value(prefix + row.name)) for row in rows_of(kind)})

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_common.channel_monitor import ChannelMonitor, ChannelState, Finding
+from atpid_common.parameters import live
 from atpid_sim.system import Array
 
 #: The motion before a stop is judged over so long [s].
@@ -20,13 +21,15 @@ _ABRUPT = 0.1
 
 @dataclass(frozen=True)
 class SignalSettings:
-    """When a channel counts as faulty."""
+    """When a channel counts as faulty: parameters of the identifier."""
 
-    dead_time: float  # without one valid reading for so long it is dead [s]
-    frozen_time: float  # that stops in mid-motion and reads exactly the same for so long it is frozen [s]
-    largest_velocity: float  # steps between readings that are faster are impossible [unit of the channel / s]; 0: none
-    recovery_time: float  # plausible for so long, it works again [s]
-    invalid_share: float  # of the readings of a second from which they come intermittently [-]
+    dead_time: float = live(0.2, "a channel without one valid reading for so long is dead", "s", 0.01, 60.0)
+    frozen_time: float = live(0.2, "a channel that stops in mid-motion for so long is frozen", "s", 0.01, 60.0)
+    largest_velocity: float = live(
+        30.0, "faster steps of a displacement are impossible; 0: not judged", "m/s", 0.0, 1e6
+    )
+    invalid_share: float = live(0.2, "share of invalid readings of a second that is intermittent", "-", 0.001, 1.0)
+    recovery_time: float = live(0.5, "a channel plausible for so long works again", "s", 0.0, 60.0)
 
 
 class SignalWatch(ChannelMonitor[int]):

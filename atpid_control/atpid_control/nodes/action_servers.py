@@ -24,7 +24,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import AtpidError, InputError
 from atpid_common.nodes.checked import subscribe
-from atpid_common.nodes.messages import BLOCKS, STEADY, nanoseconds_of
+from atpid_common.nodes.messages import BLOCKS, STEADY, channels_of, nanoseconds_of, scans_of
 from atpid_control.loop.protocol import threaded
 from atpid_control.loop.search_run import SearchMode, SearchRun
 from atpid_control.selection.search import Plan, SearchError
@@ -32,7 +32,6 @@ from atpid_sim.maps import HeightMap, MapError, build_map
 from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import load_scene
 
-_BEAM = "beam_displacement"
 R = TypeVar("R", SearchHeight.Result, ComputeMap.Result)
 
 
@@ -87,23 +86,22 @@ class SearchServer:
         try:
             run = self._search.begin(Plan(request.step, request.dwell, request.lowest, request.highest))
         except SearchError as error:
-            return concluded(goal, _no_result(str(error)))
+            return _concluded(goal, _no_result(str(error)))
         self._goal, self._ended, self._reported = goal, Future(), -1
         # only now: receiving every block costs the loop time
         blocks = subscribe(self._node, SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         await self._ended
         self._node.destroy_subscription(blocks)
         self._goal = self._ended = None
-        return concluded(goal, _result(run))
+        return _concluded(goal, _result(run))
 
     def _on_block(self, block: SampleBlock) -> None:
         start_ns = self._start_ns()
         if block.handshake or not block.data or start_ns is None:
             return
-        values = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
-        beam = values[:, list(block.channels).index(_BEAM)] if _BEAM in block.channels else np.array([math.nan])
+        beam = channels_of(block).get("beam_displacement", np.array([math.nan]))
         begin = nanoseconds_of(block.header.stamp) - start_ns
-        self._search.watch(begin * 1e-9 + len(values) / block.rate, beam)
+        self._search.watch(begin * 1e-9 + scans_of(block) / block.rate, beam)
 
 
 def _result(run: SearchRun) -> SearchHeight.Result:
@@ -124,7 +122,7 @@ def _no_result(message: str) -> SearchHeight.Result:
     return SearchHeight.Result(success=False, message=message, height=math.nan, beam_amplitude=math.nan)
 
 
-def concluded(goal: ServerGoalHandle, result: R) -> R:
+def _concluded(goal: ServerGoalHandle, result: R) -> R:
     """Put a goal in its final state, by `result.success` unless it was cancelled; return the result."""
     if goal.is_cancel_requested:
         goal.canceled()
@@ -208,11 +206,11 @@ class MapServer:
     async def _execute(self, goal: ServerGoalHandle) -> ComputeMap.Result:
         if self._job is not None:
             busy = "another map is being computed; cancel it or wait for its result"
-            return concluded(goal, ComputeMap.Result(success=False, message=busy, out=goal.request.out))
+            return _concluded(goal, ComputeMap.Result(success=False, message=busy, out=goal.request.out))
         self._goal, self._ended, self._job = goal, Future(), _MapJob(goal.request, self._executor)
         await self._ended
         job, self._job, self._goal = self._job, None, None
-        return concluded(goal, self._result(job, goal.request.out))
+        return _concluded(goal, self._result(job, goal.request.out))
 
     def _result(self, job: _MapJob, out: str) -> ComputeMap.Result:
         defect = job.result.exception()
@@ -243,11 +241,4 @@ def summary_of(made: HeightMap, out: str) -> str:
     useless = int(np.count_nonzero(made.efficiencies <= 0.0))
     text += f", {irregular} of them not reproducible" if irregular else ""
     text += f", {useless} of them without effect (efficiency not above 0)" if useless else ""
-    if not made.failures:
-        return text
-    first = made.failures[0]
-    where = f"{first.amplitude:g} {made.unit}, mass fraction {first.mass_fraction:g}"
-    if made.frequency_ratios is not None:
-        where += f", frequency ratio {first.frequency_ratio:g}"
-    lost = f"{len(made.failures)} of {made.heights.size} points could not be computed"
-    return f"{text}; {lost}, the first: {where}: {first.reason}"
+    return f"{text}; {made.lost}" if made.lost else text

@@ -3,7 +3,6 @@
 """Between bags and rclpy: message classes by name, and quality of service."""
 
 import importlib
-from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -15,10 +14,10 @@ from atpid_control.runs.topics import Topic
 DEPTH = 1000
 
 
-def class_of(name: str) -> type[Any]:
+def class_of(name: str) -> type:
     """Return the class of the message type "pkg/msg/Name"; raise TypeUnknownError for a name of another form."""
     package, message = split_name(name)
-    found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), message)
+    found: type = getattr(importlib.import_module(f"{package}.msg"), message)
     return found
 
 

@@ -44,7 +44,7 @@ async def computed(node: Node, executor: Executor, compute: Callable[[], T]) -> 
     return result.result()
 
 
-METHODS = ("lookup", "pca", "direct")
+_METHODS = ("lookup", "pca", "direct")
 
 
 class HeightServices:
@@ -64,7 +64,7 @@ class HeightServices:
         self._scene, self.method = scene, method
         self._selectors: dict[str, HeightSelector] = {}
         group = ReentrantCallbackGroup()
-        for name, used in [("select", ""), *((name, name) for name in METHODS)]:
+        for name, used in [("select", ""), *((name, name) for name in _METHODS)]:
             node.create_service(SelectHeight, f"~/{name}", partial(self._answer, used), callback_group=group)
 
     async def _answer(
@@ -81,7 +81,7 @@ class HeightServices:
         except Exception as error:  # noqa: BLE001  # a defect: reported, but the loop goes on
             self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
             return refused(method, f"internal error: {type(error).__name__}: {error}", response)
-        filled(chosen, f"{excitation.amplitude:.5f} {self._scene.driven_by.unit}", response)
+        _filled(chosen, f"{excitation.amplitude:.5f} {self._scene.driven_by.unit}", response)
         response.message = "; ".join([response.message, *range_warnings(self._scene, chosen)])
         return response
 
@@ -98,7 +98,7 @@ class HeightServices:
         return asked, selector.select(excitation, asked.margin, height)
 
 
-def filled(chosen: Selection, amplitude: str, response: SelectHeight.Response) -> SelectHeight.Response:
+def _filled(chosen: Selection, amplitude: str, response: SelectHeight.Response) -> SelectHeight.Response:
     """Fill the response with a height selected for an amplitude, given in words."""
     note = f" ({chosen.note})" if chosen.note else ""
     response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude}{note}"

@@ -6,12 +6,9 @@ import math
 import sys
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
-import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -21,11 +18,12 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY, nanoseconds_of, time_of
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY, channels_of, nanoseconds_of, scans_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import LiveParameters, Value
+from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import NodeMonitors
+from atpid_common.parameters import Value, Values
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
@@ -34,14 +32,14 @@ from atpid_control.identification.estimate import ACCELERATION
 from atpid_control.identification.excitation_kind import OtherExcitation
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
-from atpid_control.loop.settings import identification_settings, rumble_settings
+from atpid_control.loop.settings import identification_settings, settings_of
 from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWatch
 from atpid_control.nodes.parameter_tables import IDENTIFIER
 from atpid_sim.plant.stream import last_stamp_ns
 from atpid_sim.scene import load_scene
 
 
-class SignalFaults:
+class _SignalFaults:
     """One watch for each channel of the blocks it is given, and one for the stamps of each device."""
 
     def __init__(self, node: Node, events: EventPublisher, settings: SignalSettings, clock_tolerance: float) -> None:
@@ -59,13 +57,11 @@ class SignalFaults:
 
     def take(self, block: SampleBlock, last_ns: int) -> None:
         """Judge a block whose last scan was taken at `last_ns`; publish what has changed."""
-        names = list(block.channels)
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, max(len(names), 1))
-        for column, (name, unit) in enumerate(zip(names, block.units, strict=False)):
+        for (name, readings), unit in zip(channels_of(block).items(), block.units, strict=False):
             watch = self._watches.setdefault(name, SignalWatch(self._settings))
             # an impact's acceleration has no limit
             watch.settings = self._settings if unit == "m" else replace(self._settings, largest_velocity=0.0)
-            changed = watch.push(block.rate, data[:, column])
+            changed = watch.push(block.rate, readings)
             if changed is not None:
                 again = " again" if changed.state is ChannelState.PLAUSIBLE else ""
                 self._publish(not again, f"{name}: {changed.text}{again}", math.nan, last_ns)
@@ -85,8 +81,7 @@ class SignalFaults:
         found = []
         for name, watch in self._watches.items():
             level = DiagnosticStatus.ERROR if watch.finding.state.severity else DiagnosticStatus.OK
-            values: dict[str, Any] = {"state": watch.finding.state.value}
-            found.append(status(self._node, name, level, watch.finding.text, values))
+            found.append(status(self._node, name, level, watch.finding.text, {"state": watch.finding.state.value}))
         for device, clock in self._clocks.items():
             level = DiagnosticStatus.ERROR if clock.faulty else DiagnosticStatus.OK
             text = f"stamps {clock.off:+.3f} s off their indices"
@@ -94,17 +89,17 @@ class SignalFaults:
         return found
 
 
-LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
+LASER, _ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
 
 
 #: What may change while the node runs.
-Live = tuple[Settings, RumbleSettings, float, tuple[SignalSettings, float]]
+_Live = tuple[Settings, RumbleSettings, float, tuple[SignalSettings, float]]
 
 
 class IdentifierNode(Node):
     """Parameters, topics, and one call into the identification for each block."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Raise ParameterError, IdentificationError, WatchError or SceneError, in one line, for bad parameters.
 
         `done`: exit status.
@@ -125,15 +120,13 @@ class IdentifierNode(Node):
         self._progress = _Progress()
         self.last_error = ""  # last error of a block, one sentence
         self._make_topics(timeout, from_beam=inverse is not None)
-        self._signals = SignalFaults(self, self._events, *signals)
+        self._signals = _SignalFaults(self, self._events, *signals)
         self.parameters.follow(_settings, self._configure, self._events.publish)
 
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
-        self._supervision = NodeMonitors(
-            self, self._events.publish, self._statuses, timeout,
-            enabled=not self.parameters["lockstep"],
-        )  # fmt: skip
+        real_time = not self.parameters["lockstep"]
+        self._supervision = NodeMonitors(self, self._events.publish, self._statuses, timeout, enabled=real_time)
         self._supervision.stale.watch(LASER, "the excitation is not identified")
         self._supervision.follow_events()
         qos = self._supervision.qos
@@ -142,7 +135,7 @@ class IdentifierNode(Node):
         )
         subscribe(self, SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
         # no controller reads it: it is only watched here
-        subscribe(self, SampleBlock, ACCELEROMETER, self._on_accelerometer, BLOCKS)
+        subscribe(self, SampleBlock, _ACCELEROMETER, self._on_accelerometer, BLOCKS)
         if from_beam:
             subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
@@ -150,7 +143,7 @@ class IdentifierNode(Node):
     def _statuses(self) -> list[DiagnosticStatus]:
         return [self._progress.status(self, self.last_error, self._other, self._unit), *self._signals.statuses()]
 
-    def _configure(self, settings: Live) -> None:
+    def _configure(self, settings: _Live) -> None:
         self.identifier.configure(settings[0])
         self._rumble.settings = settings[1]
         self._supervision.stale.timeout = settings[2]
@@ -192,8 +185,8 @@ class IdentifierNode(Node):
         self._progress.answered.add(self.get_clock().now().nanoseconds - last_ns)
 
     def _identify(self, block: SampleBlock, last_ns: int) -> Estimate:
-        channels = list(block.channels)
-        support, beam = (channel_of(block, name) for name in self._names)
+        channels, samples = list(block.channels), channels_of(block)
+        support, beam = (samples.get(name) for name in self._names)
         source = self._names[self.identifier.source]
         if source not in channels:
             raise IdentificationError(
@@ -203,10 +196,10 @@ class IdentifierNode(Node):
             units = dict(zip(channels, block.units, strict=True))
             self._units = units.get(self._names[0], "m"), units.get(self._names[1], "m")
         delay = block.skew[channels.index(source)] if len(block.skew) == len(channels) else 0.0
+        time = last_ns * 1e-9
         return self.identifier.push(
-            block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height,
-            units=self._units,
-        )  # fmt: skip
+            block.first_index, block.rate, support, beam, time, delay=delay, height=self._height, units=self._units
+        )
 
     @property
     def _unit(self) -> str:
@@ -215,7 +208,7 @@ class IdentifierNode(Node):
 
     def _watch(self, block: SampleBlock, estimate: Estimate, message: Excitation) -> None:
         """Publish an event when the beam begins to rumble, and when it is regular again."""
-        beam = channel_of(block, self._names[1])
+        beam = channels_of(block).get(self._names[1])
         if beam is None or self._units[1] == ACCELERATION:  # impacts are most of it
             return
         before = self._rumble.state
@@ -282,14 +275,14 @@ class _Progress:
         self._rate, self._latest, self._device = block.rate, estimate, block.device
 
     def status(self, node: Node, last_error: str, other: OtherExcitation | None, unit: str) -> DiagnosticStatus:
-        poor = self._latest.quality == Quality.POOR
-        values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
-                  "quality": self._latest.quality.name, f"amplitude [{unit}]": self._latest.amplitude,
-                  "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
+        latest, poor = self._latest, self._latest.quality == Quality.POOR
+        values: dict[str, object] = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing}
+        values |= {"quality": latest.quality.name, f"amplitude [{unit}]": latest.amplitude}
+        values |= {"frequency [Hz]": latest.frequency, "last error": last_error or "none"}
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
         text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
         text = other.sentence(unit) if other else text
-        values["excitation"] = other.kind if other else "tone" if math.isfinite(self._latest.frequency) else "none"
+        values["excitation"] = other.kind if other else "tone" if math.isfinite(latest.frequency) else "none"
         level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 
@@ -306,25 +299,15 @@ def _inverse_of(value: Value) -> ModelInverse | None:
     return ModelInverse.of_scene(load_scene(value("scene")))
 
 
-def _settings(value: Value) -> Live:
+def _settings(value: Value) -> _Live:
     """Return what may change while the node runs; raise InputError where it contradicts itself."""
-    names = ("dead_time", "frozen_time", "largest_velocity", "recovery_time", "invalid_share")
-    signals = SignalSettings(*(float(value(name)) for name in names)), float(value("clock_tolerance"))
-    return identification_settings(value), rumble_settings(value), float(value("stale_timeout")), signals
-
-
-def scans_of(block: SampleBlock) -> int:
-    """Return how many scans a block has."""
-    return len(block.data) // max(len(block.channels), 1)
-
-
-def channel_of(block: SampleBlock, name: str) -> NDArray[np.float64] | None:
-    """Return one channel of a block (n_scans,), None where the block has none of that name."""
-    channels = list(block.channels)
-    if name not in channels:
-        return None
-    data: NDArray[np.float64] = np.frombuffer(block.data, dtype=np.float64)
-    return data.reshape(-1, len(channels))[:, channels.index(name)]
+    signals = settings_of(SignalSettings, value), float(value("clock_tolerance"))
+    return (
+        identification_settings(value),
+        settings_of(RumbleSettings, value, "rumble_"),
+        float(value("stale_timeout")),
+        signals,
+    )
 
 
 def last_stamp(block: SampleBlock) -> int:
@@ -336,7 +319,7 @@ def last_stamp(block: SampleBlock) -> int:
 _NOT_IN_MESSAGE = ("time", "growth", "growth_std", "drift")
 
 
-def _fields(estimate: Estimate) -> dict[str, Any]:
+def _fields(estimate: Estimate) -> Values:
     fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_IN_MESSAGE}
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 

@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from atpid_interfaces.msg import (
     CeilingCommand,
@@ -35,7 +34,8 @@ from atpid_common.nodes.diagnostics import TOPIC as DIAGNOSTICS
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Entry, declare
+from atpid_common.nodes.parameters import declare
+from atpid_common.parameters import Entry
 from atpid_control.selection.registry import methods
 from atpid_control.views.live.address import HOST, PORT, TOKEN, address_of, require_library
 from atpid_control.views.live.requests import HoldRequest, MethodRequest, Note, Plain, Request
@@ -44,12 +44,10 @@ from atpid_sim.scene import load_scene
 
 Answer = Callable[[tuple[bool, str]], None]
 MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
-EXCITER, ARM_EXCITER = "excitation_node/stop", "excitation_node/rearm"
+EXCITER, _ARM_EXCITER = "excitation_node/stop", "excitation_node/rearm"
 #: Services (std_srvs/Trigger) of each request, all of which are called. A stop is latched in the supervisor and reaches
 #: the drives at once: whether they are off they confirm themselves, and the supervisor where there is none of them.
-TRIGGERED = {
-    "stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (ARM_EXCITER,),
-}  # fmt: skip
+_TRIGGERED = {"stop": (MOTOR, SUPERVISOR, EXCITER), "disarm": (MOTOR,), "arm": (ARM,), "arm_exciter": (_ARM_EXCITER,)}
 #: How the page names a drive, and what arms it there.
 DRIVES = {MOTOR: ("motor", "Arm again"), EXCITER: ("exciter", "Arm exciter")}
 SELECTOR = "selector_node"
@@ -60,7 +58,7 @@ class OperatorRequests:
 
     def __init__(self, node: Node, events: EventPublisher) -> None:
         self._node, self._events = node, events
-        names = {name for triggered in TRIGGERED.values() for name in triggered}
+        names = {name for triggered in _TRIGGERED.values() for name in triggered}
         self._triggers = {name: node.create_client(Trigger, name) for name in names}
         self._set = node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
 
@@ -78,7 +76,7 @@ class OperatorRequests:
             self._trigger(request, answer)
 
     def _trigger(self, request: Plain, answer: Answer) -> None:
-        names = TRIGGERED[request.do]
+        names = _TRIGGERED[request.do]
         ready = [name for name in names if self._triggers[name].service_is_ready()]
         if not ready:
             nodes = " and ".join(name.partition("/")[0] for name in names)
@@ -109,7 +107,7 @@ class OperatorRequests:
         self._set.call_async(request).add_done_callback(answered)
 
 
-def _in_words(service: str, found: Any) -> tuple[bool, str]:
+def _in_words(service: str, found: Trigger.Response) -> tuple[bool, str]:
     """Return success and one line of an answer; of a drive that is stopped in the words of the page."""
     if service not in DRIVES:
         return bool(found.success), str(found.message)
@@ -119,7 +117,7 @@ def _in_words(service: str, found: Any) -> tuple[bool, str]:
     return False, f"{drive} off is not confirmed: use the emergency stop ({found.message})"
 
 
-def _outcome(future: Future, read: Callable[[Any], tuple[bool, str]]) -> tuple[bool, str]:
+def _outcome(future: Future, read: Callable[..., tuple[bool, str]]) -> tuple[bool, str]:
     if future.exception() is not None:
         return False, f"no answer: {future.exception()}"
     return read(future.result())
@@ -131,15 +129,15 @@ PARAMETERS = (
     Entry("port", PORT, "TCP port of the page; 0: a free one", "", 0, 65535),
 )
 #: What is not received in time is not needed: an eighth of a second of the most frequent topic.
-NEWEST = QoSProfile(depth=6, reliability=ReliabilityPolicy.BEST_EFFORT)
+_NEWEST = QoSProfile(depth=6, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Nice value of the process: every node of the loop comes first.
-NICE = 10
+_NICE = 10
 
 
-class LiveNode(Node):
+class _LiveNode(Node):
     """Parameters, topics, and one call into the view for each message."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Serve the page. Raises LiveError, ParameterError or SceneError, in one line."""
         super().__init__("live_node", **node_options)
         values = declare(self, PARAMETERS)
@@ -163,26 +161,26 @@ class LiveNode(Node):
             ("ceiling/state", CeilingState, partial(view.on_state, "ceiling/state")),
             ("supervisor/state", SupervisorState, partial(view.on_state, "supervisor/state")),
         ):
-            subscribe(self, kind, topic, partial(_pass_on, take), NEWEST)
+            subscribe(self, kind, topic, partial(_pass_on, take), _NEWEST)
         subscribe(self, Event, "events", partial(_pass_on, view.on_event), EVENTS_KEPT)
         recorder = partial(view.on_state, "recorder/status")
         subscribe(self, RecorderStatus, "recorder/status", partial(_pass_on, recorder), STATUS)
-        self.create_subscription(DiagnosticArray, DIAGNOSTICS, partial(_pass_on, view.on_diagnostics), NEWEST)
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS, partial(_pass_on, view.on_diagnostics), _NEWEST)
 
     def close(self) -> None:
         """End the page."""
         self.server.close()
 
 
-def _pass_on(take: Callable[[Any, float], None], message: Any) -> None:
+def _pass_on(take: Callable[..., None], message: object) -> None:
     """Pass a message to the view with the steady time; handshakes carry nothing."""
     if not getattr(message, "handshake", False):
         take(message, time.monotonic())
 
 
-def _announced() -> LiveNode:
+def _announced() -> _LiveNode:
     """Make the node and print the page's address; who gave the token has printed it."""
-    node = LiveNode()
+    node = _LiveNode()
     address = node.server.address
     if not address.token or os.environ.get(TOKEN, "") != address.token:
         print(f"live page: {address.url}", flush=True)
@@ -191,7 +189,7 @@ def _announced() -> LiveNode:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the live page as a process of its own, with a low priority; return the exit status."""
-    os.nice(NICE)
+    os.nice(_NICE)
     return run_node(_announced, args)
 
 

@@ -4,11 +4,10 @@
 
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import yaml
 from atpid_interfaces.msg import Event, RecorderStatus
@@ -25,6 +24,7 @@ from atpid_common.nodes.messages import STATUS, STEADY, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
+from atpid_common.parameters import Values
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.nodes.bag_qos import DEPTH, class_of, qos_of, subscription_qos
 from atpid_control.nodes.recorder_parameters import PARAMETERS, ParameterReader, writing_of
@@ -35,18 +35,18 @@ from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.topics import parse
 from atpid_control.runs.writer import Sink, check_new
 
-TURN = 0.05  # between two checks whether the run has ended, and which parameters are still unknown [s]
-STATUS_PERIOD = 1.0  # [s]
+_TURN = 0.05  # between two checks whether the run has ended, and which parameters are still unknown [s]
+_STATUS_PERIOD = 1.0  # [s]
 #: How long messages gather, which a kill loses beside those of the chunk [s].
 GATHER = 0.01
 #: Writing that takes longer is reported, and that for so long none did: at least and, where it comes back, at most [s].
-SLOW_WRITE, DISK_WELL = 0.4, (2.0, 60.0)
+_SLOW_WRITE, _DISK_WELL = 0.4, (2.0, 60.0)
 
 
 class RecorderNode(Node):
     """Parameters, topics, and one call into the session for each message."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Check the parameters; the bag is made on the executor's first turn. Raises BagError, ParameterError."""
         super().__init__("recorder_node", **node_options)
         self._values = declare(self, PARAMETERS)
@@ -56,7 +56,7 @@ class RecorderNode(Node):
         self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
         scene = Path(self._values["scene"]) if self._values["scene"] else None
-        self._disk = DiskWatch(SLOW_WRITE, *DISK_WELL)
+        self._disk = DiskWatch(_SLOW_WRITE, *_DISK_WELL)
         clock = "lockstep" if self._lockstep else "real time"
         facts = {"clock": clock} if self._lockstep else {"clock": clock, "chunk_period": f"{self._chunk_period:g}"}
         self.run = new_run(scene, files, self._values["run_id"], self._values["commit"], **facts)
@@ -80,9 +80,9 @@ class RecorderNode(Node):
         nodes = [] if self._lockstep else [name for name in self._values["parameters_of"] if name]
         reader = ParameterReader(self, nodes, self._keep_parameters)
         self._own_timers = [
-            self.create_timer(TURN, partial(self._guarded, self._turn), clock=STEADY),
-            self.create_timer(TURN, reader.poll, clock=STEADY),
-            self.create_timer(STATUS_PERIOD, self._each_second, clock=STEADY),
+            self.create_timer(_TURN, partial(self._guarded, self._turn), clock=STEADY),
+            self.create_timer(_TURN, reader.poll, clock=STEADY),
+            self.create_timer(_STATUS_PERIOD, self._each_second, clock=STEADY),
         ]
         for period, act in ((self._values["sync_period"], self._sync), (self._chunk_period, self._end_chunk)):
             if period > 0.0:
@@ -196,8 +196,8 @@ class RecorderNode(Node):
         if self.session is not None:
             self.session.end_chunk()
 
-    def _keep_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False)
+    def _keep_parameters(self, name: str, values: Values) -> None:
+        text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": values}}, sort_keys=False)
         self._guarded(lambda: self._open().keep(f"{name}.yaml", text.encode()))
 
     def _fail(self, error: BagError) -> None:

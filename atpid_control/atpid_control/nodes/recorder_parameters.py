@@ -3,7 +3,7 @@
 """The parameters of recorder_node, what they mean for the session, and those of the other nodes, which it keeps."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,14 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 from atpid_common.nodes.handshake import Question
-from atpid_common.nodes.parameters import Entry
+from atpid_common.parameters import Entry, Values
 from atpid_control.recording.session import Writing
 from atpid_control.recording.trigger import EDGES, trigger_of
 from atpid_control.runs.topics import DEFAULT, Topic
 from atpid_control.runs.writer import CHUNK, COMPRESSIONS, Split
 from atpid_sim.scene import load_scene
 
-NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node",
-         "excitation_node"]  # fmt: skip
+_NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node", "excitation_node"]
 PARAMETERS = (
     Entry("bag", "", "folder to make; empty: run-<id> in the current folder"),
     Entry("scene", "", "scene file, kept in the bag verbatim; empty: none"),
@@ -31,7 +30,7 @@ PARAMETERS = (
     Entry("commit", "", "version of the code; empty: that of git"),
     Entry("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
     Entry("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
-    Entry("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
+    Entry("parameters_of", _NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
     Entry("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
     Entry("max_bag_size", 0, "size of a file from which the bag goes on in another one; 0: never", "bytes", 0, 2**40),
     Entry("max_bag_duration", 0.0, "time from which the bag goes on in another file; 0: never", "s", 0.0, 1e6),
@@ -54,7 +53,7 @@ PARAMETERS = (
 )
 
 
-def writing_of(values: Mapping[str, Any], topics: list[Topic], scene: Path | None) -> Writing:
+def writing_of(values: Values, topics: list[Topic], scene: Path | None) -> Writing:
     """Return how the file is written; the scene states the size of a chunk. Raises BagError, SceneError."""
     settings = {name: values[f"trigger_{name}"] for name in ("level", "edge", "pre", "post", "memory")}
     return Writing(
@@ -68,16 +67,16 @@ def writing_of(values: Mapping[str, Any], topics: list[Topic], scene: Path | Non
 #: Parameters that rclpy declares for every node.
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
-Keep = Callable[[str, Mapping[str, Any]], None]
+_Keep = Callable[[str, Values], None]
 
 
 class ParameterReader:
     """Gets the parameters of each node once, as soon as its services are there."""
 
-    def __init__(self, node: Node, names: Sequence[str], keep: Keep) -> None:
+    def __init__(self, node: Node, names: Sequence[str], keep: _Keep) -> None:
         """Take the nodes' names; `keep` is called with a node's name and its parameters."""
         self._node, self._keep = node, keep
-        self._open: dict[str, tuple[Client, Question, Any]] = {}
+        self._open: dict[str, tuple[Client, Question, object]] = {}
         for name in names:
             self._question(name, ListParameters, "list_parameters", partial(self._on_names, name))
 
@@ -97,7 +96,7 @@ class ParameterReader:
         plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
         self._keep(name, dict(zip(names, plain, strict=False)))
 
-    def _question(self, name: str, kind: Any, service: str, answered: Callable[[Any], None], **request: Any) -> None:
+    def _question(self, name: str, kind: Any, service: str, answered: Callable[..., None], **request: object) -> None:
         client = self._node.create_client(kind, f"{name}/{service}")
         self._open[name] = client, Question(client, answered), kind.Request(**request)
 

@@ -6,7 +6,6 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,38 +20,33 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Entry, declare
+from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import started_twice
+from atpid_common.parameters import Entry
 from atpid_control.nodes.bag_qos import class_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.playback import Item, load_playback
 from atpid_control.runs.topics import BLOCK
 
-TURN = 0.005  # resolution of a paced replay, and of /clock [s]
-TIMEOUT = 5.0  # how long an answer may take before a warning [s]
+_TURN = 0.005  # resolution of a paced replay, and of /clock [s]
+_TIMEOUT = 5.0  # how long an answer may take before a warning [s]
 #: Stamps of one instant may differ by rounding [ns].
-SAME_INSTANT = 10_000
-ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
+_SAME_INSTANT = 10_000
+_ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
 PARAMETERS = (
     Entry("bag", "", "folder of the bag to play"),
     Entry("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
-    Entry(
-        "topics", ["sensors/*"],
-        "topics to play, * for anything; add ceiling/state where the selector needs the height",
-    ),
-    Entry(
-        "answer", "ceiling/command", "whose answer ends a block; excitation where there is no selector",
-        choices=tuple(ANSWERS),
-    ),
+    Entry("topics", ["sensors/*"], "topics to play, * for anything; ceiling/state where the selector needs the height"),
+    Entry("answer", "ceiling/command", "whose answer ends a block; excitation: no selector", choices=tuple(_ANSWERS)),
     Entry("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-)  # fmt: skip
+)
 
 
 class ReplayNode(Node):
     """Parameters, topics, the handshake, and one message after the other."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Read the bag; raise BagError where it cannot be played. `done` receives the exit status."""
         super().__init__("replay_node", **node_options)
         values = declare(self, PARAMETERS)
@@ -74,7 +68,7 @@ class ReplayNode(Node):
         }
         self._clock_out = self.create_publisher(ClockMessage, "/clock", 10)
         self._events = EventPublisher(self)
-        subscribe(self, ANSWERS[self._answer], self._answer, self._on_answer, STATES)
+        subscribe(self, _ANSWERS[self._answer], self._answer, self._on_answer, STATES)
         # a warning, no event: a replay is recorded by its stamps, and two of one bag give the same
         self._recorder = RecorderWatch(
             self,
@@ -97,7 +91,7 @@ class ReplayNode(Node):
             recorder=expect_recorder,
         )
         # paced by the steady clock whatever /clock is: this node publishes it
-        self._turn_timer = self.create_timer(TURN, self._turn, clock=STEADY)
+        self._turn_timer = self.create_timer(_TURN, self._turn, clock=STEADY)
         self._turn_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
@@ -135,11 +129,11 @@ class ReplayNode(Node):
 
     # the loop
 
-    def _on_answer(self, message: Any) -> None:
+    def _on_answer(self, message: CeilingCommand | Excitation) -> None:
         if message.handshake:
             self._handshake.on_answer(message)
             return
-        if self._awaited is not None and nanoseconds_of(message.header.stamp) >= self._awaited - SAME_INSTANT:
+        if self._awaited is not None and nanoseconds_of(message.header.stamp) >= self._awaited - _SAME_INSTANT:
             self._awaited = None
             if not self._rate:
                 self._next_block()
@@ -167,7 +161,7 @@ class ReplayNode(Node):
                 self._play(self.playback.items[self.played])
             if self.played == len(self.playback.items) and self._awaited is None:
                 self._end()
-        if self._awaited is not None and now - self._played_at > TIMEOUT:
+        if self._awaited is not None and now - self._played_at > _TIMEOUT:
             self._played_at = now
             at = f"the block that ends at {(self._awaited - self.playback.start_ns) * 1e-9:.3f} s"
             self.get_logger().warning(f"no {self._answer} answers {at}: check that its nodes are running")

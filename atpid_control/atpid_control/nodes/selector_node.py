@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -27,9 +26,10 @@ from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import LiveParameters, Value
+from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import MISSING, NodeMonitors
+from atpid_common.parameters import Value
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame
 from atpid_common.waiting import COMPILING, announced
@@ -46,17 +46,17 @@ from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.messages import scene_given
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
-COMMAND_DEADLINE = 0.5
-HELD, SET = "held by the operator", "set by the operator"
+_COMMAND_DEADLINE = 0.5
+HELD, _SET = "held by the operator", "set by the operator"
 #: A method's selector, and what looks heights up in its place where it fails.
 _Made = tuple[HeightSelector, HeightSelector | None]
-ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
+_ESTIMATES, _STATE, _COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
 class SelectorNode(Node):
     """Parameters, topics, services, and one call into the controller for each estimate."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
         super().__init__("selector_node", **node_options)
         self.parameters = LiveParameters(self, selector_table())
@@ -111,22 +111,24 @@ class SelectorNode(Node):
             self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not self._lockstep
         )
         stale, qos = self._supervision.stale, self._supervision.qos
-        stale.watch(ESTIMATES, "the ceiling is not controlled")
-        stale.watch(STATE, "whether the ceiling follows its commands is not known")
+        stale.watch(_ESTIMATES, "the ceiling is not controlled")
+        stale.watch(_STATE, "whether the ceiling follows its commands is not known")
         profile = BLOCKS  # in lockstep the run does not wait for the recorder, which may be many commands behind
         if not self._lockstep:
             profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-            profile.deadline = Duration(seconds=max(COMMAND_DEADLINE, MISSING * self._block))
+            profile.deadline = Duration(seconds=max(_COMMAND_DEADLINE, MISSING * self._block))
         self._commands = self.create_publisher(
             CeilingCommand,
-            COMMANDS,
+            _COMMANDS,
             profile,
-            event_callbacks=qos.publisher(COMMANDS, deadline_counts=lambda: stale.running),
+            event_callbacks=qos.publisher(_COMMANDS, deadline_counts=lambda: stale.running),
         )
         # before the estimates: a rumble is published before the estimate of the same block
         subscribe(self, Event, "events", self._on_event, STATES)
-        subscribe(self, Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES))
-        subscribe(self, CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
+        subscribe(
+            self, Excitation, _ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(_ESTIMATES)
+        )
+        subscribe(self, CeilingState, _STATE, self._on_state, STATES, event_callbacks=qos.subscription(_STATE))
 
     def _serve(self) -> None:
         self._height_services = HeightServices(
@@ -175,7 +177,7 @@ class SelectorNode(Node):
 
     def _on_state(self, state: CeilingState) -> None:
         if not state.handshake:
-            self._supervision.stale.received(STATE)
+            self._supervision.stale.received(_STATE)
         self._height = state.height
 
     def _on_event(self, event: Event) -> None:
@@ -188,7 +190,7 @@ class SelectorNode(Node):
             self._publish(message, HeightCommand(reason="handshake"))
             return
         now = nanoseconds_of(message.header.stamp)
-        self._supervision.stale.received(ESTIMATES, now, self._block)
+        self._supervision.stale.received(_ESTIMATES, now, self._block)
         if self._start_ns is None:
             # the first stamp is that of the first block's last sample
             self._start_ns = now - round(self._block * 1e9)
@@ -222,7 +224,7 @@ class SelectorNode(Node):
         if self.parameters["hold"] and not answered.handshake:
             command = replace(command, height=math.nan, reason=HELD)
         elif not answered.handshake and (manual := self.parameters["manual_height"]):
-            command = replace(command, height=manual, method="manual", reason=SET)
+            command = replace(command, height=manual, method="manual", reason=_SET)
         message = CeilingCommand(**vars(command))
         message.header.stamp, message.header.frame_id = answered.header.stamp, Frame.CEILING
         message.handshake = answered.handshake
@@ -238,7 +240,7 @@ class SelectorNode(Node):
 
     def _on_silence(self) -> None:
         stale = self._supervision.stale.stale
-        if STATE in stale:
+        if _STATE in stale:
             self._height = math.nan
         if stale and self._search:
             self._search.stop(f"no messages on {', '.join(stale)}")
@@ -252,9 +254,9 @@ class SelectorNode(Node):
 
     def _statuses(self) -> list[DiagnosticStatus]:
         command = self._answer.command
-        values = {"method": command.method, "reason": command.reason, "height [m]": command.height,
-                  f"excitation amplitude [{self._scene.driven_by.unit}]": command.excitation_amplitude,
-                  "predicted amplitude [m]": command.predicted_amplitude}  # fmt: skip
+        excitation = f"excitation amplitude [{self._scene.driven_by.unit}]"
+        values = {"method": command.method, "reason": command.reason, "height [m]": command.height}
+        values |= {excitation: command.excitation_amplitude, "predicted amplitude [m]": command.predicted_amplitude}
         level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
         values |= self._latencies.values("sample to command")
         return [status(self, "height selection", level, self._refusal or command.reason, values)]

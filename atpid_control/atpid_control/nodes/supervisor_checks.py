@@ -7,7 +7,6 @@ The loop check is made once, soon after the first sample, and on request.
 
 from collections.abc import Callable
 
-import numpy as np
 from atpid_interfaces.msg import RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
@@ -15,9 +14,9 @@ from rclpy.node import Node
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.handshake import Question
-from atpid_common.nodes.messages import STATES, STATUS
+from atpid_common.nodes.messages import STATES, STATUS, channels_of
 from atpid_control.supervision.limits import AbortLevels, ContactRate, OnTime, Passed, largest, sustained
-from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
+from atpid_control.supervision.loop_check import Ceiling, LoopSnapshot, failures
 from atpid_sim.scene import load_scene
 
 _LIMITS = ["lowest", "highest", "speed"]
@@ -31,12 +30,10 @@ class LoopChecker:
 
         Raises SceneError.
         """
-        self._nodes, self._allowed = nodes, allowed
+        self._allowed, self._known = allowed, LoopSnapshot(recorder_expected="recorder_node" in nodes)
         ceiling = load_scene(scene).ceiling if scene else None
-        self._scene = Ceiling(*ceiling.range, ceiling.speed) if ceiling is not None and ceiling.controlled else None
-        self._sensors = LatestBlocks()
-        self._motor: Ceiling | None = None  # its limits, once it has answered
-        self._status, self._errors = RecorderStatus(), dict[str, str]()
+        if ceiling is not None and ceiling.controlled and "motor_node" in nodes:
+            self._known.scene = Ceiling(*ceiling.range, ceiling.speed)
         self._channels: set[str] = set()
         self._begun: float | None = None
         self.decided = allowed == 0.0
@@ -47,14 +44,13 @@ class LoopChecker:
     def on_block(self, block: SampleBlock, now: float) -> None:
         """Take a block of samples received at the steady time `now` [s]."""
         self._begun = self._begun or now
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
-        for column, channel in enumerate(block.channels):
+        for channel, values in channels_of(block).items():
             self._channels.add(channel)
-            self._sensors.push(channel, data[:, column], now)
+            self._known.sensors.push(channel, values, now)
 
     def turn(self, now: float) -> list[str]:
         """Go on at the steady time `now` [s]; return what fails still when the time allowed is over."""
-        if self._scene is not None and self._motor is None:
+        if self._known.scene is not None and self._known.motor is None:
             self._limits.ask(GetParameters.Request(names=_LIMITS), now)
         if self.decided or self._begun is None:
             return []
@@ -64,25 +60,14 @@ class LoopChecker:
 
     def failures(self, now: float) -> list[str]:
         """Return what fails at the steady time `now` [s], one line each."""
-        return failures(
-            LoopSnapshot(
-                now=now,
-                sensors=self._sensors,
-                scene=self._scene if "motor_node" in self._nodes else None,
-                motor=self._motor,
-                recorder_expected="recorder_node" in self._nodes,
-                recording=self._status.recording,
-                written=sum(self._status.written),
-                errors=self._errors,
-            )
-        )
+        return failures(self._known, now)
 
     def _on_limits(self, answer: GetParameters.Response) -> None:
         values = [value.double_value for value in answer.values]
-        self._motor = Ceiling(*values) if len(values) == len(_LIMITS) else self._motor
+        self._known.motor = Ceiling(*values) if len(values) == len(_LIMITS) else self._known.motor
 
     def _on_recorder(self, status: RecorderStatus) -> None:
-        self._status = status
+        self._known.recording, self._known.written = status.recording, sum(status.written)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         """Keep what a source's watch reports of a channel: dead, frozen, clipped."""
@@ -91,14 +76,14 @@ class LoopChecker:
             if channel not in self._channels:
                 continue
             if status.level == DiagnosticStatus.ERROR:
-                self._errors[channel] = status.message
+                self._known.errors[channel] = status.message
             else:
-                self._errors.pop(channel, None)
+                self._known.errors.pop(channel, None)
 
 
 #: Channels that change smoothly, so that a lone sample beyond a level is a spike of the sensor.
-SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")
-ACCELERATION = "beam_acceleration"
+_SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")
+_ACCELERATION = "beam_acceleration"
 
 
 class QuantityWatch:
@@ -112,13 +97,10 @@ class QuantityWatch:
 
     def on_block(self, block: SampleBlock, now: float) -> None:
         """Take a block of samples received at the steady time `now` [s]."""
-        names = list(block.channels)
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
-        for column, name in enumerate(names):
-            values = data[:, column]
+        for name, values in channels_of(block).items():
             if self.limits.limited(name):
-                self._take(name, sustained(values) if name in SMOOTH else largest(values), now)
-            if name == ACCELERATION and self.limits.limited("contact_rate"):
+                self._take(name, sustained(values) if name in _SMOOTH else largest(values), now)
+            if name == _ACCELERATION and self.limits.limited("contact_rate"):
                 self._take("contact_rate", self._contacts.push(block.first_index, block.rate, values), now)
 
     def on_motor(self, on: bool, now: float) -> None:

@@ -9,7 +9,6 @@ which a motor that goes off stops, too: the emergency stop opens the motor's con
 import sys
 import time
 from functools import partial
-from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock, SupervisorState
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -36,13 +35,13 @@ from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, Pa
 from atpid_control.supervision.states import Change, NodeLiveness, Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.
-TURN = 0.05
+_TURN = 0.05
 #: How long the last state and events may take to reach those who have subscribed, one of whom may hang [s].
 _DELIVERY = 1.0
 #: No drive is armed sooner after a stop: one that hangs for less has seen it, and one that hangs for longer is off [s].
 STOP_LASTS = 0.35
-SENSORS = ("sensors/laser", "sensors/accelerometer")
-LEVELS = {
+_SENSORS = ("sensors/laser", "sensors/accelerometer")
+_LEVELS = {
     RunState.READY: DiagnosticStatus.OK,
     RunState.STARTING: DiagnosticStatus.WARN,
     RunState.DEGRADED: DiagnosticStatus.WARN,
@@ -52,12 +51,12 @@ LEVELS = {
 class SupervisorNode(Node):
     """Parameters, topics, services, and one call into the rules for each turn, block and state."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         """Raise ParameterError or SupervisionError, in one line, for bad parameters. `done`: exit status."""
         super().__init__("supervisor_node", **node_options)
         self._values = declare(self, SUPERVISOR)
         nodes = [name for name in self._values["nodes"] if name]
-        self._answers = NodeLiveness(nodes, self._values["answer_time"], 2.0 * TURN)
+        self._answers = NodeLiveness(nodes, self._values["answer_time"], 2.0 * _TURN)
         self._supervision = Supervision(self._answers, [name for name in self._values["needed"] if name])
         levels = {
             name: Levels(*(self._values[f"{name}_{kind}"] for kind in ("warning", "abort"))) for name in QUANTITIES
@@ -78,7 +77,7 @@ class SupervisorNode(Node):
         self._exciter = DeviceRequests(self, EXCITER) if EXCITER in self._answers.nodes else None
         self._stops, self._stopped_at = 0, 0.0  # requests and causes to stop so far; steady time of the last one [s]
         self._check = LoopChecker(self, self._answers.nodes, self._values["scene"], self._values["check_time"])
-        for topic in SENSORS:
+        for topic in _SENSORS:
             subscribe(self, SampleBlock, topic, self._on_block, BLOCKS)
         subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         waiting = ReentrantCallbackGroup()  # while these wait for the motor's answer, all else goes on
@@ -86,7 +85,7 @@ class SupervisorNode(Node):
         self.create_service(Trigger, "~/rearm", self._on_rearm, callback_group=waiting)
         self.create_service(Trigger, "~/check", self._on_check)
         self._own_timers = [
-            self.create_timer(TURN, self._turn, clock=STEADY),
+            self.create_timer(_TURN, self._turn, clock=STEADY),
             self.create_timer(1.0, self._check_alone, clock=STEADY),
         ]
 
@@ -233,7 +232,7 @@ class SupervisorNode(Node):
         silence = {f"{name} [s]": f"{self._answers.silence(name, now):.2f}" for name in self._answers.nodes}
         values: dict[str, object] = {"motion permitted": situation.permit, "stopped": situation.stop}
         values |= silence | self._quantities.values()
-        level = LEVELS.get(situation.state, DiagnosticStatus.ERROR)
+        level = _LEVELS.get(situation.state, DiagnosticStatus.ERROR)
         return [status(self, "supervision", level, situation.reason or situation.state.name.lower(), values)]
 
     def _check_alone(self) -> None:

@@ -27,8 +27,8 @@ from atpid_common.nodes.messages import STEADY
 from atpid_control.supervision.states import NodeLiveness
 
 #: Between two questions [s].
-PERIOD = 0.1
-LIFECYCLE_NODES = ("motor_node", "excitation_node", "labjack_node", "ni_node")
+_PERIOD = 0.1
+_LIFECYCLE_NODES = ("motor_node", "excitation_node", "labjack_node", "ni_node")
 
 
 class NodeQuestions:
@@ -44,7 +44,7 @@ class NodeQuestions:
     def ask(self, now: float) -> None:
         """Ask every node whose turn it is at the steady time `now` [s]."""
         for question, request in self._questions:
-            question.ask(request, now, PERIOD)
+            question.ask(request, now, _PERIOD)
 
     def ended(self) -> set[str]:
         """Return the nodes whose processes have run on this machine and have ended, by the names that they claim."""
@@ -68,12 +68,12 @@ class NodeQuestions:
             "does not answer" if name in self._seen else "runs on another machine, or not at all, and does not answer"
         )
 
-    def _question(self, name: str) -> tuple[Question, Any]:
-        kind, service = (GetState, "get_state") if name in LIFECYCLE_NODES else (GetParameters, "get_parameters")
+    def _question(self, name: str) -> tuple[Question, object]:
+        kind, service = (GetState, "get_state") if name in _LIFECYCLE_NODES else (GetParameters, "get_parameters")
         client = self._node.create_client(kind, f"{name}/{service}")
         return Question(client, partial(self._answered, name)), kind.Request()
 
-    def _answered(self, name: str, _answer: Any) -> None:
+    def _answered(self, name: str, _answer: object) -> None:
         self._answers.answered(name, time.monotonic())
 
 
@@ -109,7 +109,7 @@ class DeviceRequests:
         if seconds > 0.0:
             await self._within(Future(), seconds)
 
-    async def _answer(self, client: Client, request: Any, limit: float) -> Any:
+    async def _answer(self, client: Client, request: object, limit: float) -> Any:
         """Return the answer; None where there is none within `limit` [s]."""
         if limit <= 0.0 or not client.service_is_ready():
             return None

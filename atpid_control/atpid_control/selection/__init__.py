@@ -3,15 +3,6 @@
 """Height selection: one protocol, one small file a method, chosen by name from the registry."""
 
 from atpid_control.selection.protocol import Excitation, HeightSelector, Options, Selection, SelectionError
-from atpid_control.selection.registry import METHODS, make_selector, methods
+from atpid_control.selection.registry import make_selector
 
-__all__ = [
-    "METHODS",
-    "Excitation",
-    "HeightSelector",
-    "Options",
-    "Selection",
-    "SelectionError",
-    "make_selector",
-    "methods",
-]
+__all__ = ["Excitation", "HeightSelector", "Options", "Selection", "SelectionError", "make_selector"]

@@ -41,7 +41,7 @@ _LEAST, _MOST, _COUNT, _BETWEEN, _ROUNDS = 0.05, 4.0, 28, 3, 2
 _SURE = 2.0
 
 
-class Rated(NamedTuple):
+class _Rated(NamedTuple):
     """The structure at one height."""
 
     height: float  # [m]
@@ -64,12 +64,12 @@ class Realisation:
         closed, bare = linear_motions(self._scene, self._table)
         self.closed, self.bare = (mean_squares(each, self._length) for each in (closed, bare))
 
-    def rated(self, height: float) -> Rated:
+    def rated(self, height: float) -> _Rated:
         """Return what the structure does at a height [m]. Raises NumericalFailure."""
         scene = self._scene.with_(height=height)
         table = drive.with_ceiling(self._table, scene.ceiling.heights)
         run = Integration(scene, choose(scene).fidelity, table=table).run(observation_of(scene))
-        return Rated(height, mean_squares(run.samples[columns.S_BEAM], self._length))
+        return _Rated(height, mean_squares(run.samples[columns.S_BEAM], self._length))
 
 
 def least_rms(scene: Scene) -> tuple[Selection, float, list[str]]:
@@ -101,21 +101,19 @@ def least_rms(scene: Scene) -> tuple[Selection, float, list[str]]:
         SelectionStage("as good", best.height, best.rms, _as_good(seen, best)),
         *again,
     ]
-    chosen = Selection(
-        best.height, best.rms, share, "direct", len(seen) + len(again), time.perf_counter() - begun,
-        stages=tuple(stages), note=stages[1].note,
-    )  # fmt: skip
+    found = best.height, best.rms, share, "direct", len(seen) + len(again), time.perf_counter() - begun
+    chosen = Selection(*found, stages=tuple(stages), note=stages[1].note)
     if share < LEAST_USE:
         shut = low <= diameter * (1.0 + 1e-9)
         stays = "it stays closed" if shut else f"the ceiling stays at its lowest, {low:g} m"
-        found = f"the best height found, {best.height:.4f} m, takes {100.0 * share:.1f} % off the RMS"
+        takes = f"the best height found, {best.height:.4f} m, takes {100.0 * share:.1f} % off the RMS"
         left, kept = (_rms(own.closed), 0.0) if shut else (math.nan, math.nan)
-        why = f"the damper is of no use: {found}; {stays}"
+        why = f"the damper is of no use: {takes}; {stays}"
         chosen = replace(chosen, height=low, beam_amplitude=left, efficiency=kept, no_use=why)
     return chosen, _rms(own.bare), few_samples({"independent_samples": independent})
 
 
-def _run(own: Realisation, heights: list[float]) -> list[Rated]:
+def _run(own: Realisation, heights: list[float]) -> list[_Rated]:
     return [found for _, found in on_all_cores(own.rated, heights)]
 
 
@@ -123,7 +121,7 @@ def _rms(squares: Array) -> float:
     return math.sqrt(float(np.mean(squares)))
 
 
-def _between(seen: list[Rated]) -> list[float]:
+def _between(seen: list[_Rated]) -> list[float]:
     """Return heights between the best seen and its neighbours [m]."""
     heights = sorted(one.height for one in seen)
     place = heights.index(min(seen, key=lambda one: one.rms).height)
@@ -131,7 +129,7 @@ def _between(seen: list[Rated]) -> list[float]:
     return [float(h) for a, b in pairwise(near) for h in np.linspace(a, b, _BETWEEN + 2)[1:-1]]
 
 
-def _as_good(seen: list[Rated], best: Rated) -> str:
+def _as_good(seen: list[_Rated], best: _Rated) -> str:
     """Return which of the heights are as good as the best within the error, and by how much their neighbours are worse.
 
     seen: rising in height.

@@ -36,11 +36,6 @@ def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: fl
         raise SelectionError(str(error)) from None
 
 
-def frequencies_of(scene: Scene) -> tuple[float, float]:
-    """Return the lowest and highest frequency heights are computed for [Hz]: half to twice the natural one."""
-    return LOWEST_RATIO * scene.natural_frequency_hz, HIGHEST_RATIO * scene.natural_frequency_hz
-
-
 def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
     """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
     if not scene.ceiling.controlled:
@@ -58,7 +53,7 @@ def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
 
 
 #: Most standard deviations of a margin [-].
-MOST_MARGIN = 100.0
+_MOST_MARGIN = 100.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +96,7 @@ def resolved(request: HeightRequest, latest: Estimate | None, resonance: Resonan
     """
     _check("amplitude", request.amplitude, "", "above 0, or 0 for the latest steady estimate")
     _check("amplitude_std", request.amplitude_std, "", "0 or above")
-    _check("margin", request.margin, "", f"0 to {MOST_MARGIN:g} standard deviations", MOST_MARGIN)
+    _check("margin", request.margin, "", f"0 to {_MOST_MARGIN:g} standard deviations", _MOST_MARGIN)
     _check("frequency", request.frequency, " Hz", resonance.allowed)
     if request.amplitude == 0.0:
         if latest is None:
@@ -127,7 +122,7 @@ class AnyFrequency:
         self._lowest, self._unit = scene.height_limits[0], scene.driven_by.unit
         self.method, self.simulates = selector.method, selector.simulates
         #: Lowest and highest frequency it selects for [Hz].
-        self.frequencies = frequencies_of(scene)
+        self.frequencies = LOWEST_RATIO * scene.natural_frequency_hz, HIGHEST_RATIO * scene.natural_frequency_hz
 
     def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the best height, or that of the closed damper where it is of no use; see `HeightSelector.select`."""
@@ -164,7 +159,7 @@ class AnyFrequency:
         where = f"the damper is of no use at {amplitude:.4g} {self._unit} and {damper.frequency:.4g} Hz"
         beam = damper.closed_amplitude(amplitude) if shut or damper.rests(amplitude) else math.nan
         efficiency = 0.0 if math.isfinite(beam) else math.nan
+        no_use = f"{where}: {why}; {kept}"
         return replace(
-            chosen, height=self._lowest, beam_amplitude=beam, efficiency=efficiency, price=0.0,
-            no_use=f"{where}: {why}; {kept}",
-        )  # fmt: skip
+            chosen, height=self._lowest, beam_amplitude=beam, efficiency=efficiency, price=0.0, no_use=no_use
+        )

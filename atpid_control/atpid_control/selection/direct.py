@@ -20,7 +20,7 @@ from itertools import count
 from typing import Any, Generic, TypeVar
 
 from atpid_control.selection.checks import response_at
-from atpid_control.selection.margin import IRREGULAR, MarginBox, Robust, UncertainSystem, robust_height, systems_of
+from atpid_control.selection.margin import IRREGULAR, MarginBox, MarginSearch, Robust, UncertainSystem, systems_of
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
 from atpid_sim.maps import FROM_CLOSED, Best, DamperResponse, Timing, best_height, travelled
 from atpid_sim.maps.ratings import FLAT, Mapper
@@ -29,15 +29,15 @@ from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.quantities import efficiency
 
-Job = TypeVar("Job")
-Answer = TypeVar("Answer")
+_Job = TypeVar("_Job")
+_Answer = TypeVar("_Answer")
 _OPEN: Any = object()
 
 
-class _Batch(Generic[Job, Answer]):
+class _Batch(Generic[_Job, _Answer]):
     """Jobs in work."""
 
-    def __init__(self, work: Callable[[Job], Answer], jobs: list[Job]) -> None:
+    def __init__(self, work: Callable[[_Job], _Answer], jobs: list[_Job]) -> None:
         self._work, self.jobs, self._next = work, jobs, count()
         self._answers: list[Any] = [_OPEN] * len(jobs)
 
@@ -46,7 +46,7 @@ class _Batch(Generic[Job, Answer]):
         while (k := next(self._next)) < len(self.jobs):
             self._do(k)
 
-    def answers(self) -> list[Answer]:
+    def answers(self) -> list[_Answer]:
         """Return all answers in the order of the jobs; raise the first error.
 
         What a helper has begun and not finished is done again here: on a busy machine the helper may have to wait for
@@ -97,7 +97,7 @@ class SelectionThreads:
         if self._pool:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def map(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> list[Answer]:
+    def map(self, work: Callable[[_Job], _Answer], jobs: Iterable[_Job]) -> list[_Answer]:
         """Return the answer to each job, in order. Jobs that take long should come first."""
         batch = _Batch(work, list(jobs))
         if self._pool:
@@ -144,8 +144,8 @@ class Deadline:
         if math.isinf(self.seconds):
             return mapper
 
-        def limited_mapper(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterable[Any]:
-            def in_time(job: Any) -> Any:
+        def limited_mapper(work: Callable[[_Job], _Answer], jobs: Iterable[_Job]) -> Iterable[_Answer]:
+            def in_time(job: _Job) -> _Answer:
                 if self.near(share):
                     raise OutOfTimeError
                 return work(job)
@@ -218,43 +218,42 @@ class DirectSelector:
             with without_collection(), SelectionThreads(self._workers) as workers:
                 if margin > 0.0:
                     given = Excitation(excitation.amplitude, spread, damper.frequency)
-                    return self._with_margin(damper, given, bare, workers, deadline)
+                    return self._with_margin(damper, given, bare, workers.map, deadline)
                 best = bare(mapper=workers.map)
         except NumericalFailure as error:
             raise SelectionError(f"direct: {error}") from error
         search = _searched(best)
         disagreed = search.note if best.disagreement > FLAT else ""
-        return Selection(
-            best.height, best.amplitude, best.efficiency, self.method, best.evaluations, deadline.spent,
-            stages=(search,), note=disagreed,
-        )  # fmt: skip
+        chosen = best.height, best.amplitude, best.efficiency, self.method, best.evaluations, deadline.spent
+        return Selection(*chosen, stages=(search,), note=disagreed)
 
     def _with_margin(
-        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Best], workers: SelectionThreads,
-        deadline: Deadline,
-    ) -> Selection:  # fmt: skip
+        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Best], mapper: Mapper, deadline: Deadline
+    ) -> Selection:
         """Return the height that is best in the worst case.
 
         given: with the margin's whole error bar as its deviation; bare: computes the bare optimum, given a mapper.
         """
         try:
-            best: Best | None = bare(mapper=deadline.limited(workers.map, _BARE))
+            best: Best | None = bare(mapper=deadline.limited(mapper, _BARE))
         except OutOfTimeError:
             best = None  # as where many motions are irregular: the margin begins with a first look instead
         begin = math.nan if best is None else best.height
         late = partial(deadline.near, _ALL)
-        found = robust_height(self._systems, given, begin, self._limits, workers.map, late)
+        found = MarginSearch(self._systems, given, self._limits, mapper, late).found(begin)
         reduction = efficiency(found.amplitude, damper.closed_amplitude(given.amplitude))
-        searched = _unfinished(_BARE * self._deadline) if best is None else _searched(best)
+        unfinished = (
+            f"of the bare optimum not ended within {_BARE * self._deadline:g} s: the price of the margin is unknown"
+        )
+        searched = _searched(best) if best else SelectionStage("search", math.nan, math.nan, unfinished)
         held = guaranteed(found, deadline)
         # begun with a first look alone the height may be far from the best: not to be stated among the stages only
         note = held.note if best else f"the search {searched.note}; {held.note}"
-        return Selection(
-            found.height, found.amplitude, reduction, self.method,
-            found.evaluations + (best.evaluations if best else 0), deadline.spent,
-            best.efficiency - reduction if best else math.nan, (searched, held), note=note,
-            late=deadline.passed() or best is None, box=asdict(self._uncertainty),
-        )  # fmt: skip
+        runs = found.evaluations + (best.evaluations if best else 0)
+        price = best.efficiency - reduction if best else math.nan
+        chosen = found.height, found.amplitude, reduction, self.method, runs, deadline.spent, price, (searched, held)
+        overdue = deadline.passed() or best is None
+        return Selection(*chosen, note=note, late=overdue, box=asdict(self._uncertainty))
 
 
 def guaranteed(found: Robust, deadline: Deadline) -> SelectionStage:
@@ -271,11 +270,6 @@ def guaranteed(found: Robust, deadline: Deadline) -> SelectionStage:
         none = f"no lower height that leaves less than {IRREGULAR:g} times this beam is regular in all of them"
         held = f"{none}: {held}"
     return SelectionStage("margin", found.height, found.worst, held + late)
-
-
-def _unfinished(seconds: float) -> SelectionStage:
-    text = f"of the bare optimum not ended within {seconds:g} s: the price of the margin is unknown"
-    return SelectionStage("search", math.nan, math.nan, text)
 
 
 def _searched(best: Best) -> SelectionStage:

@@ -8,7 +8,6 @@ import math
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def map_for(scene: Scene) -> Path | None:
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map
-    folder = user_cache()
+    folder = cache_root() / "maps"
     known = sorted(folder.glob("*.npz"))
     with suppress(InputError):  # used without a workspace
         known = sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz")) + known
@@ -71,11 +70,6 @@ def map_of_run(scene: Scene, given: Path | None, method: str = "") -> Path | Non
     return chosen
 
 
-def user_cache() -> Path:
-    """Return where maps made here are kept: $XDG_CACHE_HOME/atpid/maps, or ~/.cache/atpid/maps."""
-    return cache_root() / "maps"
-
-
 def amplitudes_of(scene: Scene) -> tuple[float, float]:
     """Return the smallest and largest steady excitation amplitude of the scene above zero [m]."""
     if not scene.excitation.is_tone:
@@ -84,7 +78,7 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
     return (min(positive), max(positive)) if positive else _USUAL
 
 
-def ratios_of(scene: Scene) -> tuple[float, float]:
+def _ratios_of(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest frequency of the scene's excitation over the natural one [-]."""
     ratios = [frequency / scene.natural_frequency_hz for _, frequency in frequency_points(scene)]
     return min(ratios), max(ratios)
@@ -95,14 +89,14 @@ def _fits(path: Path, scene: Scene) -> bool:
     if not _is_map_of(path, scene):
         return False
     found = HeightMap.load(path)
-    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction, ratios_of(scene))
+    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction, _ratios_of(scene))
 
 
 def _make(scene: Scene, folder: Path) -> Path:
     low, high = amplitudes_of(scene)
     first, last = min(_USUAL[0], 0.5 * low), max(_USUAL[1], 1.25 * high)
     ratios = _ratios_to_map(scene)
-    purpose: list[Any] = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
+    purpose: list[object] = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
     if ratios is not None:
         purpose.append(ratios)
     key = hashlib.sha256(json.dumps(purpose, sort_keys=True).encode()).hexdigest()[:16]
@@ -125,14 +119,11 @@ def _make(scene: Scene, folder: Path) -> Path:
     # evenly spaced unless the smallest would lie within the first step
     spaced = np.linspace if reached <= _POINTS * first else np.geomspace
     amplitudes = [float(a) for a in spaced(first, reached, _POINTS if ratios is None else _POINTS_OF_RATIOS)]
-    total = len(amplitudes) * len(ratios or [1.0])
-    with counting("height map", total) as count:
+    with counting("height map", len(amplitudes) * len(ratios or [1.0])) as count:
         fractions = [scene.grain.mass_fraction]
         made = build_map(scene, amplitudes, fractions, path, lambda done, _: count(done), frequency_ratios=ratios)
-    if made.failures:
-        first_lost = f"the first, {made.failures[0].amplitude:g} m: {made.failures[0].reason}"
-        lost = f"{len(made.failures)} of its {total} points"
-        print(f"{lost} could not be computed; {first_lost}", file=sys.stderr)
+    if made.lost:
+        print(made.lost, file=sys.stderr)
     return path
 
 
@@ -140,7 +131,7 @@ def _ratios_to_map(scene: Scene) -> list[float] | None:
     """Return the frequency ratios of a map for a scene whose frequency moves [-]; None: it does not."""
     if not scene.frequency_moves:
         return None
-    low, high = ratios_of(scene)
+    low, high = _ratios_of(scene)
     first, last = max(low - _BESIDE, LOWEST_RATIO), min(high + _BESIDE, HIGHEST_RATIO)
     if not LOWEST_RATIO <= low < high <= HIGHEST_RATIO:
         raise MapError(

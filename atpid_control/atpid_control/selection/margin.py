@@ -158,28 +158,21 @@ class Robust:
     evaluations: int
 
 
-def robust_height(
-    systems: list[UncertainSystem], excitation: Excitation, bare: float, limits: tuple[float, float], mapper: Mapper,
-    late: Callable[[], bool],
-) -> Robust:  # fmt: skip
-    """Return the height whose largest amplitude over the systems is least.
-
-    excitation: its amplitude may lie its deviation to either side; bare: the bare optimum [m], NaN: unknown; limits: of
-    the height [m]; late: whether to end with what has been found so far, asked before every run. Only the expected
-    system is verified in any case. Raises NumericalFailure.
-    """
-    search = MarginSearch(systems, excitation, limits, mapper, late)
-    search.look(search.bare() if math.isnan(bare) else bare)
-    return search.verify()
-
-
 class MarginSearch:
-    """The search for the height that is best in the worst of the systems."""
+    """The search for the height whose largest amplitude over the systems is least.
+
+    Only the expected system is verified in any case.
+    """
 
     def __init__(
         self, systems: list[UncertainSystem], excitation: Excitation, limits: tuple[float, float], mapper: Mapper,
         late: Callable[[], bool],
     ) -> None:  # fmt: skip
+        """Take the systems.
+
+        excitation: its amplitude may lie its deviation to either side; limits: of the height [m]; late: whether to end
+        with what has been found so far, asked before every run.
+        """
         self._systems, self._given, self._map, self._late = systems, excitation, mapper, late
         expected = systems[0].damper
         self._diameter, self._limits = expected.diameter, limits
@@ -198,7 +191,12 @@ class MarginSearch:
         self._shown = list(dict.fromkeys([*shown[:_FAILING], *shown[-_RESPONDING:]]))
         self.evaluations = 0
 
-    def bare(self) -> float:
+    def found(self, bare: float) -> Robust:
+        """Return the height; bare: the bare optimum [m], NaN: unknown. Raises NumericalFailure."""
+        self._look(self._bare() if math.isnan(bare) else bare)
+        return self._verify()
+
+    def _bare(self) -> float:
         """Return about the bare optimum [m] from a look at the expected system; its lowest height if time is over."""
         damper = self._systems[0].damper.at_frequency(self._given.frequency)
         below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
@@ -208,7 +206,7 @@ class MarginSearch:
         self.evaluations += sum(map(len, found))
         return min(((*seen, math.inf)[0], height) for seen, height in zip(found, heights, strict=True))[1]
 
-    def look(self, bare: float) -> None:
+    def _look(self, bare: float) -> None:
         """Look at heights up to the bare optimum [m] in the systems that fail first and respond most.
 
         Lower ones follow until the best in the worst of these systems lies inside, then some between the best of them.
@@ -250,7 +248,7 @@ class MarginSearch:
         """The best height as far as is known [m]: the lowest that is not notably worse than the best."""
         return lowest_best(self._worst)
 
-    def verify(self) -> Robust:
+    def _verify(self) -> Robust:
         """Verify the best height in one system after another, the expected one first; return what it holds for.
 
         One with an irregular motion gives way to all others, and where there is no other, lower ones are looked at.

@@ -22,10 +22,10 @@ _DONE = 0.01
 #: And no later than this many heights, or turns (the step is then half a percent): the thesis needed 16 heights.
 _MOST, _TURNS = 24, 12
 
-Probe = Callable[[float], float]
+_Probe = Callable[[float], float]
 
 
-def tune(probe: Probe, height: float, amplitude: float, lowest: float, highest: float) -> tuple[float, float]:
+def tune(probe: _Probe, height: float, amplitude: float, lowest: float, highest: float) -> tuple[float, float]:
     """Return the best height [m] and its amplitude [m], from a height whose amplitude [m] is known (Fig. 4.33).
 
     probe: height [m] to amplitude [m]. Down by a tenth until the amplitude grows, then up by a tenth / 1.5 until it
@@ -61,7 +61,7 @@ _LEAST_SHARE = 0.1
 _RTOL = 1e-4
 
 
-Start = tuple[float, float]  # amplitude of the beam [m], height [m]
+_Start = tuple[float, float]  # amplitude of the beam [m], height [m]
 
 
 class PcaSelector:
@@ -96,10 +96,8 @@ class PcaSelector:
         except NumericalFailure as error:
             raise SelectionError(f"pca: {error}") from error
         reduction = efficiency(observed, run.damper.closed_amplitude(amplitude))
-        return Selection(
-            best, observed, reduction, self.method, run.evaluations, time.perf_counter() - begun,
-            0.0 if used == amplitude else math.nan, tuple(run.stages),
-        )  # fmt: skip
+        found = best, observed, reduction, self.method, run.evaluations, time.perf_counter() - begun
+        return Selection(*found, 0.0 if used == amplitude else math.nan, tuple(run.stages))
 
 
 class _Run:
@@ -126,7 +124,7 @@ class _Run:
         self._record("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
 
-    def _iterate(self) -> Start:
+    def _iterate(self) -> _Start:
         """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold.
 
         Guesses that change direction are taken half way: for heavy grains equation 4.31 otherwise alternates across
@@ -139,7 +137,7 @@ class _Run:
         self._record("SM + PM1", guess, math.nan, "first guess, equation 4.30")
         t, start = sm.first_return(max(guess, self._lowest))
         model = ComplexModel(self.damper, self.amplitude, t, start, self._within(guess))
-        seen: list[Start] = []
+        seen: list[_Start] = []
         before = model.height
         for iteration in range(1, _ITERATIONS + 1):
             impact = model.next_floor_impact(_RETURN)

@@ -103,9 +103,9 @@ def simplified(system: System, frequency: float, amplitude: float) -> Simplified
     """Return the Simplified Model for a support amplitude [m] at a frequency [Hz] (equations 4.13 to 4.20)."""
     omega = 2.0 * math.pi * frequency
     if system.modes is not None:
-        response = amplitude * abs(modal_response(system, frequency).sum())
+        response = amplitude * abs(_modal_response(system, frequency).sum())
         return Simplified(float(response), omega, system.gravity, system.radius)
-    mass = moving_mass(system, frequency)
+    mass = _moving_mass(system, frequency)
     natural = math.sqrt(system.stiffness / mass)
     decay = 0.5 * system.damping / mass
     force = amplitude * math.hypot(system.stiffness, system.damping * omega)
@@ -119,15 +119,15 @@ def response_lag(system: System, frequency: float) -> float:
     The thesis sets this phase to zero; the Complex Model needs the true one, or its first period is not a continuation.
     """
     if system.modes is not None:
-        whole = complex(modal_response(system, frequency).sum())
+        whole = complex(_modal_response(system, frequency).sum())
         return -math.atan2(whole.imag, whole.real)
     omega = 2.0 * math.pi * frequency
     force = complex(system.stiffness, system.damping * omega)
-    ratio = force / _resistance(system, moving_mass(system, frequency), omega)
+    ratio = force / _resistance(system, _moving_mass(system, frequency), omega)
     return -math.atan2(ratio.imag, ratio.real)
 
 
-def modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
+def _modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
     """Return the displacement of each mode (modes,) over the drive's amplitude: of `moving_mass` for several modes."""
     assert system.modes is not None
     modes = modes_in(system.modes)
@@ -135,12 +135,12 @@ def modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
     return min(alone, closed, key=lambda each: abs(each.sum()))
 
 
-def equilibrium(system: System) -> float:
+def _equilibrium(system: System) -> float:
     """Return how far the structure's weight pulls it down without the grain [m], where displacements count from."""
     return -float(resting(structure_of(system, held=False)).sum())
 
 
-def moving_mass(system: System, frequency: float) -> float:
+def _moving_mass(system: System, frequency: float) -> float:
     """Return the mass [kg] of which the Simplified Model is the response, (k + i c w) / (k - m w^2 + i c w).
 
     That of the bare beam, as in the thesis, whose equations hold at resonance of beam and grain. Above, towards its own
@@ -156,7 +156,7 @@ def _resistance(system: System, mass: float, omega: float) -> complex:
 
 
 #: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
-GAMMA = 0.1
+_GAMMA = 0.1
 #: Equation 4.4 asks for impacts at the beam's top speed "or when its velocity decreases"; this share of it counts.
 _NEAR_TOP = 0.5
 #: Impacts closer together than this share of a period belong to one meeting.
@@ -164,7 +164,7 @@ _ONE_MEETING = 0.05
 
 
 @dataclass(frozen=True)
-class Criteria:
+class _Criteria:
     """Which criteria of optimal grain motion hold."""
 
     floor_opposed: bool  # 4.1: on the floor the beam goes up and the grain comes down
@@ -179,7 +179,7 @@ class Criteria:
         return tuple(f"4.{number}" for number, holds in enumerate(vars(self).values(), start=1) if not holds)
 
 
-def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Criteria:
+def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> _Criteria:
     """Judge a window.
 
     impacts: (k, 3) time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; times, velocities: (n,) of the beam [s],
@@ -188,17 +188,17 @@ def judge(impacts: Array, times: Array, velocities: Array, longest: float, perio
     inside = impacts[(impacts[:, 0] >= times[0]) & (impacts[:, 0] <= times[-1])]
     floor, ceiling = (_meetings(inside[inside[:, 1] == wall], period) for wall in (1.0, -1.0))
     if not len(floor) or not len(ceiling):
-        return Criteria(False, False, False, False, longest < 0.5 * GAMMA * period)
+        return _Criteria(False, False, False, False, longest < 0.5 * _GAMMA * period)
     beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, velocities) for wall in (floor, ceiling))
     top = float(np.max(np.abs(velocities)))
     gaps = (np.diff(np.concatenate([[times[0]], wall[:, 0], [times[-1]]])) for wall in (floor, ceiling))
     near = np.concatenate([beam_floor, -beam_ceiling]) >= _NEAR_TOP * top
-    return Criteria(
+    return _Criteria(
         floor_opposed=bool(np.all((beam_floor > 0.0) & (beam_floor - floor[:, 2] < 0.0))),
         ceiling_opposed=bool(np.all((beam_ceiling < 0.0) & (beam_ceiling + ceiling[:, 2] > 0.0))),
         every_period=bool(max(map(np.max, gaps)) < 1.5 * period),
         near_top_speed=bool(np.all(near)),
-        no_sticking=longest < 0.5 * GAMMA * period,
+        no_sticking=longest < 0.5 * _GAMMA * period,
     )
 
 
@@ -229,9 +229,9 @@ class ComplexModel:
         omega = 2.0 * math.pi * damper.frequency
         self._phase = omega * t + response_lag(damper.system, damper.frequency)
         if damper.system.modes is None:
-            self._state = State.resting(start.beam - equilibrium(damper.system), start.beam_velocity)
+            self._state = State.resting(start.beam - _equilibrium(damper.system), start.beam_velocity)
         else:
-            turned = amplitude * modal_response(damper.system, damper.frequency) * np.exp(1j * self._phase)
+            turned = amplitude * _modal_response(damper.system, damper.frequency) * np.exp(1j * self._phase)
             rest = resting(structure_of(damper.system, held=False))
             self._state = State.resting(0.0, 0.0, np.column_stack((turned.imag + rest, omega * turned.real)))
         self._state.y[columns.GRAIN] += _JUST_ABOVE
@@ -259,9 +259,9 @@ class ComplexModel:
         self._advance(self._state, Observation((throw, throw)))
         self._leave_floor()
         now = self._state
-        return Impact(now.beam + equilibrium(self._damper.system), now.beam_velocity, now.grain_velocity)
+        return Impact(now.beam + _equilibrium(self._damper.system), now.beam_velocity, now.grain_velocity)
 
-    def observe(self, height: float, settle: float, window: float) -> tuple[float, Criteria]:
+    def observe(self, height: float, settle: float, window: float) -> tuple[float, _Criteria]:
         """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods.
 
         Return half the peak-to-peak of the beam in the window [m], and the verdict.

@@ -15,7 +15,7 @@ from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
 
 #: Makes a selector for a scene, with the height map given (None: none) and the options of the method.
-Factory = Callable[[Scene, Path | None, Options], HeightSelector]
+_Factory = Callable[[Scene, Path | None, Options], HeightSelector]
 _USUAL = Options()
 
 
@@ -66,7 +66,7 @@ def _at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     return AnyFrequency(selector, scene)
 
 
-METHODS: dict[str, Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
+METHODS: dict[str, _Factory] = {"lookup": _lookup, "pca": _pca, "direct": _direct, "search": _search, "fixed": _fixed}
 
 
 def plug_ins() -> dict[str, EntryPoint]:
@@ -91,7 +91,7 @@ def methods() -> tuple[str, ...]:
 
 def make_selector(
     method: str, scene: Scene, height_map: Path | None = None, options: Options = _USUAL
-) -> HeightSelector:  # fmt: skip
+) -> HeightSelector:
     """Return the selector called `method` for `scene`: the one way, of commands, nodes and Python alike.
 
     options: those that the method does not take are left out (`TAKES`). Raises SelectionError or MapError where the

@@ -18,7 +18,6 @@ from functools import cache
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
@@ -26,11 +25,9 @@ from atpid_common.cli import load
 from atpid_common.errors import not_installed, one_line
 from atpid_common.files import Document
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
+from atpid_common.parameters import Entry
 from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters
 from atpid_sim.scene import Scene
-
-if TYPE_CHECKING:
-    from atpid_common.nodes.parameters import Entry
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ _BROUGHT_BY = Path(__file__).parents[1] / "data" / "nodes.json"
 class AddedPart:
     """A node that a package adds to bench and stand, and what a run sets in it.
 
-    table: the node's parameters, rows of `atpid_common.nodes.parameters`, as "module:name".
+    table: the node's parameters, rows of `atpid_common.parameters`, as "module:name".
     simulated: returns what the simulated bench sets in it for a scene.
     emulated: returns what the emulated stand sets in it, and in feed_node, which passes its output on to the plant:
     for the scene, a folder for files, and what is set already, by `simulated` and by the user.

@@ -27,7 +27,7 @@ QUANTITIES: Mapping[str, str] = {
     "motor_on_time": "s",
 }
 #: A warning is given again after the quantity has been below its level for so long [s].
-QUIET = 1.0
+_QUIET = 1.0
 
 
 class PassedLevel(Enum):
@@ -92,7 +92,7 @@ class AbortLevels:
             return self.aborted[name]
         if magnitude > level.warning:
             last, self._above[name] = self._above.get(name, -math.inf), now
-            if now - last > QUIET and name not in self.aborted:
+            if now - last > _QUIET and name not in self.aborted:
                 return Passed(name, PassedLevel.WARNING, magnitude, level.warning)
         return None
 
@@ -108,7 +108,7 @@ class AbortLevels:
 #: Displacements change smoothly: a level counts as passed when so many samples in a row are beyond it, no lone spike.
 SUSTAINED = 3
 #: Contacts are counted over so long [s].
-COUNTED = 1.0
+_COUNTED = 1.0
 
 
 def sustained(values: NDArray[np.float64], samples: int = SUSTAINED) -> float:
@@ -145,9 +145,9 @@ class ContactRate:
                 self._contacts.append(time)
             self._last_above = time
         end = (first_index + len(acceleration)) / rate
-        while self._contacts and self._contacts[0] < end - COUNTED:
+        while self._contacts and self._contacts[0] < end - _COUNTED:
             self._contacts.popleft()
-        return len(self._contacts) / COUNTED
+        return len(self._contacts) / _COUNTED
 
 
 class OnTime:

@@ -3,18 +3,17 @@
 """The loop check before a run: what is compared, and what each comparison finds (docs/graph.md, "Loop check")."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 #: A share of valid readings below this is no sensor that works [-].
-LEAST_VALID = 0.5
+_LEAST_VALID = 0.5
 #: Heights this close are the same [m]; so are speeds within this share [-].
 _SAME_HEIGHT, _SAME_SPEED = 1e-6, 0.05
 #: Samples older than this show nothing about now [s].
-RECENT = 1.0
+_RECENT = 1.0
 
 
 @dataclass(frozen=True)
@@ -24,20 +23,6 @@ class Ceiling:
     lowest: float
     highest: float
     speed: float
-
-
-@dataclass
-class LoopSnapshot:
-    """What is known when the check is made."""
-
-    now: float  # steady [s]
-    sensors: "LatestBlocks"
-    scene: Ceiling | None = None  # that heights are selected for; None: no controller moves it
-    motor: Ceiling | None = None  # limits of the motor node, inside which it refuses to run with other firmware
-    recorder_expected: bool = True
-    recording: bool = False
-    written: int = 0  # messages
-    errors: Mapping[str, str] = field(default_factory=dict)  # of channels, by their names
 
 
 class LatestBlocks:
@@ -56,16 +41,29 @@ class LatestBlocks:
             return ["sensors: no samples; is the source running, and its device connected?"]
         lines = []
         for channel, (at, valid) in self._latest.items():
-            if now - at > RECENT:
+            if now - at > _RECENT:
                 lines.append(f"{channel}: no samples for {now - at:.1f} s")
-            elif valid < LEAST_VALID:
-                lines.append(f"{channel}: {valid:.0%} of its readings are valid; needed: {LEAST_VALID:.0%}")
+            elif valid < _LEAST_VALID:
+                lines.append(f"{channel}: {valid:.0%} of its readings are valid; needed: {_LEAST_VALID:.0%}")
         return lines
 
 
-def failures(snapshot: LoopSnapshot) -> list[str]:
-    """Return what fails, one line each; empty: the loop may run."""
-    lines = snapshot.sensors.failures(snapshot.now)
+@dataclass
+class LoopSnapshot:
+    """What is known when the check is made."""
+
+    sensors: LatestBlocks = field(default_factory=LatestBlocks)
+    scene: Ceiling | None = None  # that heights are selected for; None: no controller moves it
+    motor: Ceiling | None = None  # limits of the motor node, inside which it refuses to run with other firmware
+    recorder_expected: bool = True
+    recording: bool = False
+    written: int = 0  # messages
+    errors: dict[str, str] = field(default_factory=dict)  # of channels, by their names
+
+
+def failures(snapshot: LoopSnapshot, now: float) -> list[str]:
+    """Return what fails at the steady time `now` [s], one line each; empty: the loop may run."""
+    lines = snapshot.sensors.failures(now)
     lines += [f"{channel}: {text}" for channel, text in snapshot.errors.items()]
     if snapshot.scene is not None:
         lines += disagreements(snapshot.scene, snapshot.motor)

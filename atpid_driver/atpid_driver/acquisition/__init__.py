@@ -5,6 +5,7 @@
 The names here are those that a backend of another distribution is written with (docs/extend.md).
 """
 
+from atpid_common.parameters import setting
 from atpid_driver.acquisition.protocol import (
     Acquisition,
     AcquisitionError,
@@ -18,7 +19,6 @@ from atpid_driver.acquisition.protocol import (
     SetupRefusedError,
     StreamLostError,
     WrongDeviceError,
-    setting,
 )
 from atpid_driver.acquisition.registry import Backend
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from atpid_common.parameters import problem_of, setting
 from atpid_driver import DriverError
 
 
@@ -57,42 +57,45 @@ class SetupRefusedError(AcquisitionError):
 
 T7_RANGES = (10.0, 1.0, 0.1, 0.01)
 
-S = TypeVar("S", bound="AcquisitionSettings")
 
-
-def setting(default: Any, description: str, unit: str = "", low: float | None = None, high: float | None = None) -> Any:
-    """Return a field with a default, a description, an SI unit and the range `low` to `high`, where there is one."""
-    return Field(default, description=description, ge=low, le=high, json_schema_extra={"unit": unit})
-
-
-class Channel(BaseModel):
+@dataclass(frozen=True)
+class Channel:
     """One input: its name in the messages and where it is wired."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    name: str
+    terminal: str
+    kind: str = "voltage"
 
-    name: Annotated[str, Field(min_length=1)]
-    terminal: Annotated[str, Field(min_length=1)]
-    kind: Literal["voltage", "iepe"] = "voltage"
+    def __post_init__(self) -> None:
+        """Raise SetupRefusedError for what is no channel."""
+        if self.kind not in ("voltage", "iepe"):
+            raise SetupRefusedError(f"kind of channel {self.name}: given {self.kind!r}; allowed: 'voltage', 'iepe'")
+        if not all(isinstance(text, str) and text for text in (self.name, self.terminal)):
+            raise SetupRefusedError(f"channel {self.name!r} at terminal {self.terminal!r}: give both a name")
 
 
-class AcquisitionSettings(BaseModel):
-    """What all backends need: which device (serial 0: any), which channels, how fast [Hz], scans a block."""
+@dataclass(frozen=True, kw_only=True)
+class AcquisitionSettings:
+    """What all backends need: which device, which channels, how fast, scans a block."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    channels: tuple[Channel, ...]
+    scans_per_block: int
+    serial: int = setting(0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1)
+    rate: float = setting(float, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0)
+    library: str = setting("", "path of the vendor's library; empty: where the loader finds it")
 
-    serial: Annotated[int, Field(ge=0)] = 0
-    channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
-    rate: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-    scans_per_block: Annotated[int, Field(ge=1)]
-
-    @model_validator(mode="after")
-    def _names_differ(self) -> AcquisitionSettings:
+    def __post_init__(self) -> None:
+        """Raise SetupRefusedError: one line with what was given and what is allowed."""
+        if problem := problem_of(self):
+            raise SetupRefusedError(problem)
         names = [channel.name for channel in self.channels]
-        if len(set(names)) != len(names):
-            raise ValueError(f"channel names {names} are not all different: give each its own")
-        return self
+        if len(set(names)) != len(names) or not names:
+            raise SetupRefusedError(f"channels: given {', '.join(names) or 'none'}; allowed: one or more, each once")
+        if self.scans_per_block < 1:
+            raise SetupRefusedError(f"scans_per_block: given {self.scans_per_block}; allowed: at least 1")
 
 
+@dataclass(frozen=True, kw_only=True)
 class SimulatedSettings(AcquisitionSettings):
     """Sines of one amplitude, offset and frequency, paced like a device."""
 
@@ -101,34 +104,40 @@ class SimulatedSettings(AcquisitionSettings):
     frequency: float = setting(5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0)
 
 
+@dataclass(frozen=True, kw_only=True)
 class LabJackSettings(AcquisitionSettings):
     """A T7 over LJM; `library` is a path to libLabJackM.so where the loader does not find it by name."""
 
-    connection: Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"] = setting("ANY", "how the T7 is connected")
+    connection: str = setting("ANY", "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"))
     voltage_range: float = setting(10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0)
     resolution_index: int = setting(0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8)
     settling_us: float = setting(0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0)
     converter_noise: float = setting(
         6e-4, "readings of a constant voltage spread no further; a sensor that spreads no more is frozen", "V", 0.0, 1.0
     )
-    library: str = ""
 
-    @field_validator("voltage_range")
-    @classmethod
-    def _has_range(cls, volts: float) -> float:
-        if volts not in T7_RANGES:
-            raise ValueError(f"a T7 has the ranges {', '.join(f'{one:g}' for one in T7_RANGES)} V")
-        return volts
+    def __post_init__(self) -> None:
+        """Raise SetupRefusedError for a range that a T7 does not have, too."""
+        super().__post_init__()
+        if self.voltage_range not in T7_RANGES:
+            ranges = ", ".join(f"{one:g}" for one in T7_RANGES)
+            raise SetupRefusedError(f"voltage_range: given {self.voltage_range:g} V; allowed: a T7's {ranges} V")
 
 
+@dataclass(frozen=True, kw_only=True)
 class NiSettings(AcquisitionSettings):
     """An NI-9230 through NI-DAQmx here, or on another PC through NI's gRPC device server at `grpc` ("host:port")."""
 
-    device: str = Field("cDAQ1Mod1", min_length=1, description="the module's name in NI MAX")
+    device: str = setting("cDAQ1Mod1", "the module's name in NI MAX")
     voltage_range: float = setting(30.0, "input range", "V", 0.001, 100.0)
     excitation_current: float = setting(0.004, "current of IEPE inputs", "A", 0.0, 0.02)
     grpc: str = setting("", "host:port of NI's gRPC device server on another PC; empty: the driver on this one")
-    library: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise SetupRefusedError for a module without a name, too."""
+        super().__post_init__()
+        if not self.device:
+            raise SetupRefusedError("device: given nothing; allowed: the module's name in NI MAX")
 
 
 def wired(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,19 +151,8 @@ def wired(values: Mapping[str, Any]) -> dict[str, Any]:
         raise SetupRefusedError(
             f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
         )
-    wiring = zip(names, terminals, kinds, strict=True)
-    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
+    channels = tuple(map(Channel, names, terminals, kinds))
     return {"channels": channels, "scans_per_block": max(1, round(values["rate"] / values["blocks_per_second"]))}
-
-
-def checked(model: type[S], values: dict[str, object]) -> S:
-    """Return settings made of `values`; raise SetupRefusedError: one line with what was given and what is allowed."""
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "settings"
-        raise SetupRefusedError(f"{key} = {first['input']!r} is refused: {first['msg']}") from None
 
 
 Volts = NDArray[np.float64]

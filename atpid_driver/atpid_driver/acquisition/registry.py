@@ -6,6 +6,7 @@ A vendor's package is imported when a device is opened, not before (docs/extend.
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
@@ -18,7 +19,6 @@ from atpid_driver.acquisition.protocol import (
     NiSettings,
     SetupRefusedError,
     SimulatedSettings,
-    checked,
 )
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
 from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
@@ -68,6 +68,11 @@ def backend(name: str) -> Backend:
             f"backend {name!r} of {_place(entry)} is a {type(loaded).__name__}: it must be an "
             f"{Backend.__module__}.{Backend.__name__}"
         )
+    if "__dataclass_fields__" not in vars(loaded.settings):
+        raise SetupRefusedError(
+            f"backend {name!r} of {_place(entry)}: {loaded.settings.__name__} is no dataclass: put "
+            "@dataclass(frozen=True, kw_only=True) before it"
+        )
     return loaded
 
 
@@ -79,5 +84,5 @@ def _place(entry: EntryPoint) -> str:
 def create(name: str, values: dict[str, object]) -> Acquisition:
     """Return the named backend set up with `values`, keys it does not have left out; SetupRefusedError otherwise."""
     model, make = backend(name)
-    known = {key: value for key, value in values.items() if key in model.model_fields}
-    return make(checked(model, known))
+    known: dict[str, Any] = {one.name: values[one.name] for one in fields(model) if one.name in values}
+    return make(model(**known))

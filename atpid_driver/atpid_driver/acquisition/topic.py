@@ -10,12 +10,13 @@ published leaves no trace.
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator
 
+from atpid_common.parameters import setting
 from atpid_driver.acquisition.protocol import (
     AcquisitionSettings,
     Device,
@@ -24,7 +25,6 @@ from atpid_driver.acquisition.protocol import (
     SetupRefusedError,
     StreamLostError,
     Volts,
-    setting,
 )
 from atpid_driver.clock import earliest_line
 
@@ -38,6 +38,7 @@ _ABOUT = 0.4
 _FOLLOW, _LONGEST_STEP = 0.02, 10.0
 
 
+@dataclass(frozen=True, kw_only=True)
 class TopicSettings(AcquisitionSettings):
     """A topic of any type; a channel's terminal is a number in a message: `data[2]`, `linear_acceleration.z`."""
 
@@ -47,12 +48,11 @@ class TopicSettings(AcquisitionSettings):
     hold: float = setting(0.2, "how long a message that is missing is waited for", "s", 0.0, 10.0)
     silence: float = setting(2.0, "a driver that publishes nothing for so long has stopped", "s", 0.05, 600.0)
 
-    @field_validator("source")
-    @classmethod
-    def _is_named(cls, source: str) -> str:
-        if not source:
-            raise ValueError("give the topic of the driver, such as /imu/data")
-        return source
+    def __post_init__(self) -> None:
+        """Raise SetupRefusedError where there is no topic, too."""
+        super().__post_init__()
+        if not self.source:
+            raise SetupRefusedError("source: given nothing; give the topic of the driver, such as /imu/data")
 
 
 class Arrival(NamedTuple):

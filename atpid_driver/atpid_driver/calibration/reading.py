@@ -10,7 +10,7 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, real, text, whole, word
-from atpid_driver.acquisition import Acquisition
+from atpid_driver.acquisition import Acquisition, Channel
 from atpid_driver.acquisition.registry import create
 from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.fit import COLUMNS, LARGEST, read_readings
@@ -46,9 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.readings.exists() and arguments.readings.stat().st_size:
         read_readings(arguments.readings)  # a row is added to a table of readings only
     values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
-    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
+    channel = Channel("reading", arguments.terminal, arguments.kind)
     scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
-    device = create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})
+    device = create(arguments.backend, values | {"channels": (channel,), "scans_per_block": scans})
     volts = measure(device, arguments.seconds)
     with output.writing(arguments.readings, "file"):
         append(arguments.readings, arguments.position, float(volts.mean()))

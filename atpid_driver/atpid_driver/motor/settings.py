@@ -8,10 +8,11 @@ from math import isfinite, nan
 from typing import Final
 
 from atpid_common.injected_faults import CEILING, Injected, overlapping, parsed
+from atpid_common.parameters import setting
 from atpid_driver import SettingsError
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.known_motion import check_distance
-from atpid_driver.settings import SupervisedSettings, described
+from atpid_driver.settings import SupervisedSettings
 
 BACKENDS: Final = ("simulated", "serial")
 
@@ -20,43 +21,35 @@ BACKENDS: Final = ("simulated", "serial")
 class MotorSettings(SupervisedSettings):
     """Parameters of the motor node, SI units."""
 
-    backend: str = described("what moves the ceiling", choices=BACKENDS)
-    lowest: float = described("lowest ceiling height, the grain's diameter", "m", 0.0, 10.0)
-    highest: float = described("highest ceiling height", "m", 0.0, 10.0)
-    speed: float = described("constant travelling speed", "m/s", 0.0, 100.0)
-    initial_height: float = described(
+    backend: str = setting(str, "what moves the ceiling", choices=BACKENDS)
+    lowest: float = setting(float, "lowest ceiling height, the grain's diameter", "m", 0.0, 10.0)
+    highest: float = setting(float, "highest ceiling height", "m", 0.0, 10.0)
+    speed: float = setting(float, "constant travelling speed", "m/s", 0.0, 100.0)
+    initial_height: float = setting(
+        nan,
         "where a real ceiling goes after homing, NaN: it stays; where a simulated one stands, NaN: where that of the "
         "simulated plant stands",
         "m",
-        default=nan,
     )
-    rate: float = described(
-        "states published per second, and heartbeat rate; not used in lockstep", "Hz", 10.0, 200.0, default=50.0
+    rate: float = setting(
+        50.0, "states published per second, and heartbeat rate; not used in lockstep", "Hz", 10.0, 200.0
     )
-    stale_timeout: float = described(
-        "silence of ceiling/command after which the ceiling is stopped; not used in lockstep",
-        "s",
-        0.1,
-        60.0,
-        default=0.4,
+    stale_timeout: float = setting(
+        0.4, "silence of ceiling/command after which the ceiling is stopped; not used in lockstep", "s", 0.1, 60.0
     )
-    faults: Sequence[str] = described(
+    faults: Sequence[str] = setting(
+        ("",),
         "injected faults of a simulated ceiling: 'PART KIND FROM TO [VALUE]' (docs/faults.md); "
         "empty: none; refused with backend serial",
-        default=("",),
         live=True,
     )
-    check_move: float = described(
-        "before a run the ceiling moves by this distance and back: direction, distance and speed are checked; 0: none",
-        "m",
-        0.0,
-        10.0,
-        default=0.0,
+    check_move: float = setting(
+        0.0, "ceiling's move and back before a run: direction, distance and speed are checked; 0: none", "m", 0.0, 10.0
     )
-    port: str = described("serial port of the board by its stable name, /dev/serial/by-id/...", default="")
-    baud: int = described("baud rate of the serial port", "", 300, 2_000_000, default=250_000)
-    identify_timeout: float = described(
-        "how long to request the board's identity; a reset by opening takes about 2 s", "s", 0.1, 60.0, default=5.0
+    port: str = setting("", "serial port of the board by its stable name, /dev/serial/by-id/...")
+    baud: int = setting(250_000, "baud rate of the serial port", "", 300, 2_000_000)
+    identify_timeout: float = setting(
+        5.0, "how long to request the board's identity; a reset by opening takes about 2 s", "s", 0.1, 60.0
     )
     limits: Limits = field(init=False)
     injected: tuple[Injected, ...] = field(init=False)

@@ -13,7 +13,8 @@ from rclpy.node import Node
 
 from atpid_common.channel_monitor import ChannelState
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.parameters import Entry, Publish
+from atpid_common.nodes.parameters import Publish
+from atpid_common.parameters import Entry
 from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
 from atpid_driver.calibration.model import Calibration, Counts
 

@@ -30,7 +30,8 @@ from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Entry, declare
+from atpid_common.nodes.parameters import declare
+from atpid_common.parameters import Entry
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Frame
 from atpid_driver import DriverError

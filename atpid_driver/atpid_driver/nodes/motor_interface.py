@@ -6,15 +6,13 @@ And what it does for a simulated ceiling: it starts where that of the plant stan
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, Field, fields, replace
+from dataclasses import replace
 from math import isnan
-from typing import Any
 
 from atpid_interfaces.msg import CeilingState, PlantTruth
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
@@ -24,23 +22,14 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.messages import STEADY
-from atpid_common.nodes.parameters import Entry, Value
+from atpid_common.parameters import Value, rows_of
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.settings import MotorSettings
 
-
-def row_of(setting: Field[Any]) -> Entry:
-    """Return a field that was made by `described` as a parameter."""
-    default = setting.default
-    if default is MISSING:
-        default = Parameter.Type.STRING if setting.type is str else Parameter.Type.DOUBLE
-    return Entry(setting.name, list(default) if isinstance(default, tuple) else default, **setting.metadata)
-
-
 #: The node's parameters, as `MotorSettings` declares them.
-TABLE = tuple(row_of(setting) for setting in fields(MotorSettings) if setting.init)
+TABLE = rows_of(MotorSettings)
 _LEVELS = {
     Mode.UNCONFIGURED: DiagnosticStatus.ERROR,
     Mode.FAULT: DiagnosticStatus.ERROR,

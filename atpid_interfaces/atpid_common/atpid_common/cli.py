@@ -48,17 +48,9 @@ class Command:
 def run_commands(program: str, description: str, commands: Commands, argv: Sequence[str] | None = None) -> int:
     """Run the command named by `argv`, by default the process's arguments; return its exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
-    return run_parsed(lambda: _parser(program, description, commands, [given[:1], given[:2]]), given)
-
-
-def run_parsed(make: Callable[[], argparse.ArgumentParser], argv: Sequence[str] | None = None) -> int:
-    """Run the function `run` that the parser sets (`set_defaults`) with the arguments; return the exit status.
-
-    make: returns the parser; what it raises is reported as an error of the command is.
-    """
 
     def command() -> int:
-        arguments = make().parse_args(argv)
+        arguments = _parser(program, description, commands, [given[:1], given[:2]]).parse_args(given)
         return int(arguments.run(arguments))
 
     return guarded(command)
@@ -138,11 +130,9 @@ def _is_full(stream: TextIO) -> bool:
 
 
 #: How the help writes an argument that has no other metavar, by its name: what a command takes or makes.
-_METAVARS = {
-    "scene": "SCENE.yaml", "scenes": "DIR", "bag": "BAG", "recording": "BAG|FILE.csv", "map": "MAP.npz", "out": "DIR",
-    "node": "/NODE", "topic": "/TOPIC", "domain": "N", "faults": "N", "hours": "H", "margin": "M", "priority": "N",
-    "restarts": "N", "seconds": "S", "seed": "N", "seeds": "N",
-}  # fmt: skip
+_METAVARS = {"scene": "SCENE.yaml", "bag": "BAG", "recording": "BAG|FILE.csv", "map": "MAP.npz", "out": "DIR"}
+_METAVARS |= {"scenes": "DIR", "node": "/NODE", "topic": "/TOPIC", "hours": "H", "margin": "M", "seconds": "S"}
+_METAVARS |= dict.fromkeys(("domain", "faults", "priority", "restarts", "seed", "seeds"), "N")
 
 
 class Parser(argparse.ArgumentParser):
@@ -157,7 +147,7 @@ class Parser(argparse.ArgumentParser):
         self.inner: dict[str, str] = {}  # commands of groups, by their last word
         self._given: list[str] = []
 
-    def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
+    def add_argument(self, *names: str, **settings: Any) -> argparse.Action:
         """Declare an argument; one that many commands have is written the same way in the help of each."""
         action = super().add_argument(*names, **settings)
         if action.metavar is None and action.choices is None and action.nargs != 0:
@@ -191,7 +181,7 @@ class Parser(argparse.ArgumentParser):
         wrong = name.startswith("-") and not any(option.startswith(name) for option in options)
         return did_you_mean(name, options) if wrong else ""
 
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
+    def _check_value(self, action: argparse.Action, value: object) -> None:
         if action.choices is not None and value not in action.choices:
             names = [str(name) for name in action.choices]
             hint = did_you_mean(str(value), names, self.inner)
@@ -235,7 +225,7 @@ def is_among(commands: Commands, words: Sequence[str]) -> bool:
 def _parser(program: str, description: str, commands: Commands, given: Sequence[Sequence[str]]) -> Parser:
     """Return the parser, with the arguments of the commands `given` by their words; other modules stay unloaded."""
     parser = Parser(prog=program, description=f"{description}\n\n{_listed(commands)}".strip())
-    places: dict[tuple[str, ...], Any] = {
+    places: dict[tuple[str, ...], argparse._SubParsersAction[Parser]] = {
         (): parser.add_subparsers(metavar="COMMAND", required=True, help=argparse.SUPPRESS if description else None)
     }
     for heading, group in commands.items():

@@ -50,13 +50,10 @@ class InputError(AtpidError, ValueError):
 
 
 #: Libraries that a distribution of ROS does not bring, or only older ones of: what pip calls them, by module.
-EXTRAS = {
-    "distributed": "distributed", "foxglove": "foxglove-sdk", "grpc": "grpcio", "h5py": "h5py",
-    "labjack": "labjack-ljm", "matplotlib": "matplotlib", "mcap": "mcap", "nidaqmx": "nidaqmx[grpc]",
-    "nptdms": "npTDMS", "plotly": "plotly",
-    "pyarrow": "pyarrow", "pydantic": "pydantic>=2", "pyuff": "pyuff", "rosbags": "rosbags", "shtab": "shtab",
-    "xarray": "xarray", "zstandard": "zstandard",
-}  # fmt: skip
+_AS_IMPORTED = "distributed h5py matplotlib mcap plotly pyarrow pyuff rosbags shtab xarray zstandard"
+EXTRAS = {name: name for name in _AS_IMPORTED.split()}
+EXTRAS |= {"foxglove": "foxglove-sdk", "grpc": "grpcio", "labjack": "labjack-ljm", "nidaqmx": "nidaqmx[grpc]"}
+EXTRAS |= {"nptdms": "npTDMS", "pydantic": "pydantic>=2"}
 
 
 @contextmanager

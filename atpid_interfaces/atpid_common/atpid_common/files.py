@@ -17,10 +17,8 @@ from atpid_common.errors import InputError
 #: What a YAML or JSON file holds by name, as its parser returns it: each reader checks the values that it takes.
 Document: TypeAlias = dict[str, Any]
 #: What zipfile and numpy raise for an archive that is torn, empty, locked, of Python objects, or something else.
-_UNREADABLE = (
-    EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, NotImplementedError,
-    SyntaxError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
+_OF_NUMPY = (EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError)
+_UNREADABLE = (*_OF_NUMPY, zipfile.BadZipFile, zlib.error)
 #: What PyYAML raises for a text that is no YAML, or whose tags promise another kind of value: `!!bool maybe`.
 _NOT_YAML = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
 

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 from atpid_common.errors import DONE, AtpidError, extras
 
@@ -36,7 +35,7 @@ class Interrupt:
         #: Whether one has raised KeyboardInterrupt, which Python or a library may have turned into another error.
         self.raised = False
         self._deferred = False
-        self._before: list[Any] = []
+        self._before: list[Callable[[int, FrameType | None], object] | int | None] = []
         self._hook_before = sys.unraisablehook
 
     def defer(self) -> None:

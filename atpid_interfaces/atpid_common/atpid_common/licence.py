@@ -5,9 +5,8 @@
 from types import SimpleNamespace
 from typing import Final
 
+_HEADER = "{copyright}\nSPDX-License-Identifier: Apache-2.0"
+_TERMS = "Contributions are accepted under the same licence, as its section 5 says."
 #: Two lines, copyright and SPDX identifier, in place of the thirteen of the licence's appendix.
-SPDX: Final = SimpleNamespace(
-    name="Apache License 2.0 by its SPDX identifier", spdx="Apache-2.0", license_files=[],
-    file_headers=["{copyright}\nSPDX-License-Identifier: Apache-2.0"],
-    contributing_files=["Contributions are accepted under the same licence, as its section 5 says."],
-)  # fmt: skip
+SPDX: Final = SimpleNamespace(spdx="Apache-2.0", license_files=[], file_headers=[_HEADER], contributing_files=[_TERMS])
+SPDX.name = "Apache License 2.0 by its SPDX identifier"

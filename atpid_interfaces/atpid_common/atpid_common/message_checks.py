@@ -6,13 +6,27 @@ The limits of a quantity (a height, a speed) are not here: the node that acts on
 its fields alone, so that one decoded from a bag is checked as one that a node has received.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from atpid_common.vocabulary import ExciterKind, ExciterMode, Mode, Origin, Quality, RunState, Severity
+
+if TYPE_CHECKING:
+    from atpid_interfaces.msg import (
+        CeilingState,
+        Event,
+        Excitation,
+        ExcitationState,
+        PlantTruth,
+        RecorderStatus,
+        SampleBlock,
+        SupervisorState,
+    )
 
 #: Returns why a message cannot be used, in a few words; empty: it can.
 Check = Callable[[Any], str]
@@ -25,7 +39,7 @@ _LARGEST_INDEX = 2**62
 _RATES = 1e-3, 1e7  # lowest, highest [Hz]
 
 
-def check(message: Any) -> str:
+def check(message: object) -> str:
     """Return why a message of the project's own types cannot be used, in a few words; empty: it can."""
     return check_as(type(message).__name__, message)
 
@@ -48,7 +62,7 @@ def time_out_of_range(last_index: int, rate: float) -> str:
     return "" if last_index <= _LARGEST_INDEX else f"its last index is {last_index}; at most 2^62"
 
 
-def _series(message: Any, scans: int) -> str:
+def _series(message: SampleBlock | PlantTruth, scans: int) -> str:
     """Return why the scans of a message cannot be placed in time; empty: they can."""
     if reason := time_out_of_range(message.first_index + scans, message.rate):
         return reason
@@ -57,7 +71,7 @@ def _series(message: Any, scans: int) -> str:
     return "" if message.header.stamp.sec + scans / message.rate < _END_OF_TIME else "it ends after 2038"
 
 
-def _block(block: Any) -> str:
+def _block(block: SampleBlock) -> str:
     channels, values = len(block.channels), len(block.data)
     if channels == 0 or len(set(block.channels)) < channels:
         return "its channels have no names, or one twice"
@@ -71,19 +85,19 @@ def _block(block: Any) -> str:
     return _series(block, values // channels)
 
 
-def _truth(truth: Any) -> str:
+def _truth(truth: PlantTruth) -> str:
     lengths = {len(values) for values in (truth.support, truth.beam, truth.grain, truth.ceiling)}
     if len(lengths) > 1:
         return f"its series have {' and '.join(map(str, sorted(lengths)))} values"
     energies = (truth.input_energy, truth.beam_loss, truth.contact_loss, truth.ceiling_work, truth.stored_energy)
     # the plant computes all of them: NaN compares as false, too
-    if not all((np.abs(values) <= _LARGEST).all() for values in (energies, truth.support, truth.beam, truth.grain,
-                                                                  truth.ceiling)):  # fmt: skip
+    series = (energies, truth.support, truth.beam, truth.grain, truth.ceiling)
+    if not all((np.abs(values) <= _LARGEST).all() for values in series):
         return f"a value is no number, or above {_LARGEST:g}"
     return _series(truth, lengths.pop())
 
 
-def _excitation(excitation: Any) -> str:
+def _excitation(excitation: Excitation) -> str:
     if excitation.quality > max(Quality) or excitation.origin > max(Origin):
         return f"its quality is {excitation.quality} and its origin {excitation.origin}; see Excitation.msg"
     values = {name: getattr(excitation, name) for name in ("amplitude", "amplitude_std", "frequency", "frequency_std")}
@@ -93,13 +107,13 @@ def _excitation(excitation: Any) -> str:
     return f"its {wrong[0]} cannot be" if wrong else ""
 
 
-def _state(state: Any) -> str:
+def _state(state: CeilingState) -> str:
     if state.mode > max(Mode):
         return f"its mode is {state.mode}; see CeilingState.msg"
     return f"its height is {state.height}" if abs(state.height) > _LARGEST else ""
 
 
-def _exciter(state: Any) -> str:
+def _exciter(state: ExcitationState) -> str:
     if state.mode > max(ExciterMode) or state.kind > max(ExciterKind):
         return f"its mode is {state.mode} and its kind {state.kind}; see ExcitationState.msg"
     for name in ("amplitude", "frequency"):
@@ -108,16 +122,16 @@ def _exciter(state: Any) -> str:
     return ""
 
 
-def _event(event: Any) -> str:
+def _event(event: Event) -> str:
     return "" if event.severity <= max(Severity) else f"its severity is {event.severity}; see Event.msg"
 
 
-def _recorder(status: Any) -> str:
+def _recorder(status: RecorderStatus) -> str:
     lengths = len(status.topics), len(status.received), len(status.written)
     return "" if len(set(lengths)) == 1 else f"{lengths[0]} topics, {lengths[1]} and {lengths[2]} counts"
 
 
-def _supervisor(message: Any) -> str:
+def _supervisor(message: SupervisorState) -> str:
     if message.state > max(RunState):
         return f"its state is {message.state}; see SupervisorState.msg"
     if message.permit and message.stop:

@@ -28,11 +28,9 @@ settings.register_profile("long", max_examples=10_000, deadline=None, derandomiz
 settings.load_profile("atpid")
 
 # Plugins of a ROS installation load themselves and do not fit the locked pytest.
-FOREIGN_PLUGINS = (
-    "launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest", "ament_copyright", "ament_flake8",
-    "ament_lint", "ament_pep257", "ament_xmllint",
-)  # fmt: skip
-WARNINGS = (
+_FOREIGN_PLUGINS: tuple[str, ...] = ("launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest")
+_FOREIGN_PLUGINS += tuple(f"ament_{name}" for name in ("copyright", "flake8", "lint", "pep257", "xmllint"))
+_WARNINGS = (
     "error",
     # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
     "ignore:Type google._upb:DeprecationWarning",
@@ -51,7 +49,7 @@ def _slowness() -> float:
 #: Of this machine, now. What a test allows for scales with it, and is generous without: a busy machine fails no test.
 SLOWNESS = _slowness()
 PATIENCE = 50.0 * SLOWNESS  # how long a test waits for an event, an answer or the end of a process [s]
-TIMEOUT = 600.0 * SLOWNESS  # ends a test that hangs [s]
+_TIMEOUT = 600.0 * SLOWNESS  # ends a test that hangs [s]
 
 
 class Halts:
@@ -76,15 +74,15 @@ class Halts:
         return self.last > self.begun
 
 
-HALTS = Halts()
+_HALTS = Halts()
 #: For tests in which devices with a clock of their own wait for this process: a run in which it stood still shows
 #: nothing and is made again. Repeats are counted in pytest's summary.
-repeated_after_a_halt = pytest.mark.flaky(reruns=5, condition=HALTS.seen)
+repeated_after_a_halt = pytest.mark.flaky(reruns=5, condition=_HALTS.seen)
 
 
 def pytest_runtest_setup() -> None:
     """Remember when a test begins."""
-    HALTS.begun = time.monotonic()
+    _HALTS.begun = time.monotonic()
 
 
 def wait_for(
@@ -110,15 +108,15 @@ def spin_until(executor: Any, condition: Callable[[], object], act: Callable[[],
     wait_for(condition, turn=turn)
 
 
-MARKERS = (
+_MARKERS = (
     "wall_time: judges the clock or the whole machine; `make test` runs it after the others, alone",
     "always(reason): `make test` runs it whatever it costs (tests/parts.py)",
 )
 
 # Threads and processes that may outlive a test, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
-LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
-LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
+_LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
+_LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
 
 
 def test_every_file_has_its_notice(request: pytest.FixtureRequest) -> None:
@@ -129,7 +127,7 @@ def test_every_file_has_its_notice(request: pytest.FixtureRequest) -> None:
 
 def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
     """Keep the plugins of a ROS installation out; pytest calls this before it loads any of them."""
-    for name in FOREIGN_PLUGINS:
+    for name in _FOREIGN_PLUGINS:
         manager.set_blocked(name)
 
 
@@ -139,12 +137,12 @@ def pytest_configure(config: pytest.Config) -> None:
     for number in (signal.SIGHUP, signal.SIGINT):  # of which `nohup` and a background job let programs ignore one
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL if number == signal.SIGHUP else signal.default_int_handler)
-    for line in WARNINGS:
+    for line in _WARNINGS:
         config.addinivalue_line("filterwarnings", line)
-    for line in MARKERS:
+    for line in _MARKERS:
         config.addinivalue_line("markers", line)
     if config.getoption("timeout", None) is None:
-        config.option.timeout = TIMEOUT
+        config.option.timeout = _TIMEOUT
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -156,13 +154,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 def pytest_unconfigure() -> None:
     """Release the session's ROS domain."""
-    DOMAIN_HOLDER.close()
+    _DOMAIN_HOLDER.close()
 
 
 _RANDOM = random.Random(os.getpid())
 
 
-def claim_domain() -> tuple[int, socket.socket]:
+def _claim_domain() -> tuple[int, socket.socket]:
     """Return a ROS domain that no other session on this machine uses, and the socket that keeps it for this session.
 
     Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports. The socket's
@@ -180,8 +178,8 @@ def claim_domain() -> tuple[int, socket.socket]:
 
 
 # Before anything imports rclpy, and for every process a test starts.
-DOMAIN, DOMAIN_HOLDER = claim_domain()
-os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
+_DOMAIN, _DOMAIN_HOLDER = _claim_domain()
+os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
@@ -192,7 +190,7 @@ def own_domain() -> Iterator[None]:
 
     On a busy machine a node of an earlier test has stayed in the graph of another participant, for six minutes.
     """
-    domain, holder = claim_domain()
+    domain, holder = _claim_domain()
     with closing(holder), pytest.MonkeyPatch.context() as change:
         change.setenv("ROS_DOMAIN_ID", str(domain))
         yield
@@ -208,12 +206,12 @@ def children() -> dict[int, str]:
             if int(parent) == own and state != b"Z":
                 command = Path(f"/proc/{process}/cmdline").read_text(errors="replace")
                 found[int(process)] = command.replace("\0", " ").strip()
-    return {pid: command for pid, command in found.items() if not any(name in command for name in LASTING_PROCESSES)}
+    return {pid: command for pid, command in found.items() if not any(name in command for name in _LASTING_PROCESSES)}
 
 
 def threads() -> set[threading.Thread]:
     """Return the threads that run, without those a library keeps for the session."""
-    return {thread for thread in threading.enumerate() if not thread.name.startswith(LASTING_THREADS)}
+    return {thread for thread in threading.enumerate() if not thread.name.startswith(_LASTING_THREADS)}
 
 
 def leftovers(threads_before: set[threading.Thread], children_before: dict[int, str]) -> list[str]:

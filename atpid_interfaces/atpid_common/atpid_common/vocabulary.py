@@ -70,10 +70,7 @@ class Drive(NamedTuple):
 
 
 #: By the word of a scene's `drive`. Messages of an excitation have no unit: theirs is that of the channel.
-DRIVES: Final = {
-    "support": Drive("support", "support_displacement", "m"),
-    "force": Drive("force", "drive_force", "N"),
-}
+DRIVES: Final = {"support": Drive("support", "support_displacement", "m"), "force": Drive("force", "drive_force", "N")}
 
 
 class Severity(IntEnum):

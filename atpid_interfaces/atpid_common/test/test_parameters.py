@@ -15,7 +15,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import InputError
-from atpid_common.nodes.parameters import Entry, LiveParameters, ParameterError, refuse_undeclared
+from atpid_common.nodes.parameters import LiveParameters, ParameterError, refuse_undeclared
+from atpid_common.parameters import Entry
 
 TABLE = (
     Entry("scene", "", "scene file"),

@@ -22,7 +22,8 @@ from spun import Pair
 
 from atpid_common.cli import run_commands
 from atpid_common.latency import ANOTHER_CLOCK, COUNT, Latencies, percentile
-from atpid_common.nodes.parameters import Entry, LiveParameters
+from atpid_common.nodes.parameters import LiveParameters
+from atpid_common.parameters import Entry
 from atpid_common.real_time import refusal, request
 from atpid_common.testing import test_every_file_has_its_notice  # noqa: F401  # is a test here too
 from atpid_common.vocabulary import EventKind, ExciterKind, ExciterMode, Mode, Origin, Quality, RunState, Severity

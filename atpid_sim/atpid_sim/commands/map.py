@@ -114,9 +114,5 @@ def _print_summary(made: HeightMap, out: Path) -> None:
         f"reduction {100 * np.nanmin(made.reductions):.1f} to {100 * np.nanmax(made.reductions):.1f} %, "
         f"{irregular} not reproducible{of_no_use}"
     )
-    if made.failures:
-        first = made.failures[0]
-        print(
-            f"{len(made.failures)} of {made.heights.size} points could not be computed (NaN in the map); the first: "
-            f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}: {first.reason}"
-        )
+    if made.lost:
+        print(f"NaN in the map: {made.lost}")

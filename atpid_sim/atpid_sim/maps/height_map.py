@@ -107,6 +107,18 @@ class HeightMap(Drawn):
         return DRIVES[self.identity.get("drive", "support")].unit
 
     @property
+    def lost(self) -> str:
+        """How many points could not be computed, and why the first could not, in one line; empty: none."""
+        if not self.failures:
+            return ""
+        first = self.failures[0]
+        where = f"{first.amplitude:g} {self.unit}, mass fraction {first.mass_fraction:g}"
+        if self.frequency_ratios is not None:
+            where += f", frequency ratio {first.frequency_ratio:g}"
+        count = f"{len(self.failures)} of {self.heights.size} points could not be computed"
+        return f"{count}, the first: {where}: {first.reason}"
+
+    @property
     def reductions(self) -> Array:
         """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
         if {"further_modes.0.mass", "drive"} & self.identity.keys():

@@ -26,9 +26,10 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Entry, LiveParameters, Value
+from atpid_common.nodes.parameters import LiveParameters
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import is_alone, started_twice
+from atpid_common.parameters import Entry, Value
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, scene_given, truth_message

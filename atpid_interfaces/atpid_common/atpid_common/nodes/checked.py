@@ -17,6 +17,8 @@ from rclpy.subscription import Subscription
 from atpid_common.message_checks import check
 
 M = TypeVar("M")
+#: Takes a message, and what the middleware tells of it where there is a second argument.
+Callback = Callable[[M], object] | Callable[[M, dict[str, int]], object]
 
 
 class Dropped:
@@ -46,14 +48,13 @@ class Dropped:
 
 
 def subscribe(
-    node: Node, kind: type[M], topic: str, callback: Callable[[M], object] | Callable[[M, dict[str, int]], object],
-    qos: QoSProfile, **options: Any,
-) -> Subscription:  # fmt: skip
+    node: Node, kind: type[M], topic: str, callback: Callback[M], qos: QoSProfile, **options: Any
+) -> Subscription:
     """Subscribe as `node.create_subscription` does; messages that cannot be used do not reach `callback`."""
     dropped = Dropped.of(node)
     act: Callable[..., object] = callback
 
-    def with_info(message: Any, info: dict[str, int]) -> None:
+    def with_info(message: M, info: dict[str, int]) -> None:
         reason = check(message)
         if reason:
             dropped.add(topic, reason)

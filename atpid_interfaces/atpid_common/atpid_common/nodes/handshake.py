@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from atpid_interfaces.msg import (
     CeilingCommand,
@@ -34,7 +34,7 @@ PERIOD = 0.05  # between two messages of the handshake [s]
 ANNOUNCE_AFTER, ANNOUNCE_AGAIN = 2.0, 10.0  # until what is missing is logged, and logged again [s]
 LOOP_TOPICS = ("events", "excitation", "ceiling/command", "ceiling/state")
 #: The nodes that answer one after the other until the topic's message comes.
-ANSWERED_BY = {
+_ANSWERED_BY = {
     "excitation": ("identifier_node",),
     "ceiling/command": ("identifier_node", "selector_node"),
     "ceiling/state": ("identifier_node", "selector_node", "motor_node"),
@@ -132,30 +132,30 @@ class Handshake:
 
     def _answering(self) -> str:
         """Return in words which of the answering nodes discovery does not show, or who they are."""
-        nodes, running = ANSWERED_BY.get(self._answer, ()), self._node.get_node_names()
+        nodes, running = _ANSWERED_BY.get(self._answer, ()), self._node.get_node_names()
         absent = [name for name in nodes if name not in running]
         return f"; not running: {', '.join(absent)}" if absent else f" of {', then '.join(nodes)}" if nodes else ""
 
 
 #: Until a request without an answer is made again [s].
-AGAIN = 0.5
+_AGAIN = 0.5
 
 
 class Question:
     """One request at a time to another node's service, made again where no answer comes."""
 
-    def __init__(self, client: Client, answered: Callable[[Any], None]) -> None:
+    def __init__(self, client: Client, answered: Callable[..., None]) -> None:
         """Take the service's client; `answered` is called with each answer, not with that of a request made again."""
         self._client, self._answered = client, answered
         self._asked, self._pending = -math.inf, False
         self._future = Future()
 
-    def ask(self, request: Any, now: float, period: float = 0.0) -> None:
+    def ask(self, request: object, now: float, period: float = 0.0) -> None:
         """Make the request at the steady time `now` [s], unless it is too soon.
 
         That is less than `period` [s] after the last one, or `AGAIN` where that has no answer.
         """
-        wait = AGAIN if self._pending else period
+        wait = _AGAIN if self._pending else period
         if now - self._asked < wait or not self._client.service_is_ready():
             return
         self._client.remove_pending_request(self._future)

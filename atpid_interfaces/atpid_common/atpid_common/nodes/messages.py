@@ -7,6 +7,7 @@ from __future__ import annotations
 import array
 
 import numpy as np
+from atpid_interfaces.msg import SampleBlock
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
@@ -30,6 +31,17 @@ def time_of(nanoseconds: int) -> Time:
 def nanoseconds_of(stamp: Time) -> int:
     """Return a ROS time in nanoseconds since the epoch [ns]."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def scans_of(block: SampleBlock) -> int:
+    """Return how many scans a block has."""
+    return len(block.data) // max(len(block.channels), 1)
+
+
+def channels_of(block: SampleBlock) -> dict[str, NDArray[np.float64]]:
+    """Return the samples (n_scans,) of a block by the names of its channels."""
+    columns = np.frombuffer(block.data, dtype=np.float64).reshape(-1, max(len(block.channels), 1)).T
+    return dict(zip(block.channels, columns, strict=False))
 
 
 def doubles(values: NDArray[np.float64]) -> array.array[float]:

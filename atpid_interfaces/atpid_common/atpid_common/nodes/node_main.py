@@ -28,9 +28,10 @@ from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt, waking
 from atpid_common.middleware import confine, named_domain
 from atpid_common.nodes.held_up import ClockStepWatch, leaving
-from atpid_common.nodes.parameters import Entry, ParameterError, declare, refuse_undeclared
+from atpid_common.nodes.parameters import ParameterError, declare, refuse_undeclared
 from atpid_common.nodes.single_instance import claim, starting
 from atpid_common.nodes.turns import TurnExecutor
+from atpid_common.parameters import Entry
 from atpid_common.real_time import LOOP_PRIORITY, request
 
 N = TypeVar("N", bound=Node)
@@ -39,7 +40,7 @@ TURN = 0.1
 #: Exit status after an error that is not the user's.
 FAILED = 1
 #: How long a node that takes its time from /clock waits for a publisher there, which discovery shows late [s].
-CLOCK_WAIT = 5.0
+_CLOCK_WAIT = 5.0
 _PRIORITY = f"priority of the process, SCHED_FIFO; 0: as any other program; the loop's nodes: {LOOP_PRIORITY}"
 #: Of every node that is a process of its own.
 PARAMETERS = (
@@ -119,7 +120,7 @@ def _keep_clock(node: Node, interrupt: Interrupt) -> None:
     node.set_descriptor(name, ParameterDescriptor(name=name, type=kind, description=text, read_only=True))
     if not node.get_parameter(name).value:
         return
-    deadline = time.monotonic() + CLOCK_WAIT
+    deadline = time.monotonic() + _CLOCK_WAIT
     while not node.count_publishers("/clock") and not interrupt.received:
         if time.monotonic() > deadline:
             where = f"parameter {name} of {node.get_name()}: given True, and nothing publishes /clock"

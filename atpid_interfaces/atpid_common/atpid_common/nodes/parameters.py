@@ -1,13 +1,12 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Declares a node's parameters from a table: name, default, description, unit, range, and whether it may change live.
+"""Declares a node's parameters from a table.
 
 An invalid value is refused in one line, at the start and while the node runs.
 """
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from atpid_interfaces.msg import Event
@@ -17,9 +16,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import InputError, did_you_mean
+from atpid_common.parameters import Entry, Value, Values
 
 T = TypeVar("T")
-Value = Callable[[str], Any]  # the value of a parameter by its name
 Publish = Callable[[int, str, str, float], None]  # publishes an event: its severity, kind, text and value
 
 
@@ -27,45 +26,30 @@ class ParameterError(InputError):
     """A parameter that is missing or impossible."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One parameter. `default` is a value, or a Parameter.Type where it must be given."""
-
-    name: str
-    default: Any
-    description: str
-    unit: str = ""
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    live: bool = False
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Return the row as `ros2 param describe` shows it."""
-        text = self.description + (f" [{self.unit}]" if self.unit else "")
-        made = ParameterDescriptor(name=self.name, description=text, read_only=not self.live)
-        if self.choices:
-            made.additional_constraints = f"one of: {', '.join(self.choices)}"
-        if self.low is not None and self.high is not None:
-            if isinstance(self.default, int) or self.default == Parameter.Type.INTEGER:
-                made.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=0)]
-            else:
-                made.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high, step=0.0)]
-        return made
-
-    def problem(self, value: Any) -> str:
-        """Return what is wrong with `value`, in words; empty: nothing."""
-        if self.choices and value not in self.choices:
-            return f"given {value!r}; allowed: {', '.join(map(repr, self.choices))}"
-        if self.low is None or self.high is None or not isinstance(value, int | float):
-            return ""
-        if math.isnan(value) or not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit not in ("", "-") else ""
-            return f"given {value:g}{unit}; allowed: {self.low:g} to {self.high:g}{unit}"
-        return ""
+#: Parameters that have to be given, by the type of their values.
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+    list: Parameter.Type.STRING_ARRAY,
+}
 
 
-def declare(node: Node, table: Sequence[Entry]) -> dict[str, Any]:
+def _descriptor(row: Entry) -> ParameterDescriptor:
+    """Return the row as `ros2 param describe` shows it."""
+    made = ParameterDescriptor(name=row.name, description=row.meaning, read_only=not row.live)
+    if row.choices:
+        made.additional_constraints = f"one of: {', '.join(row.choices)}"
+    if row.low is not None and row.high is not None:
+        if row.kind is int:
+            made.integer_range = [IntegerRange(from_value=int(row.low), to_value=int(row.high), step=0)]
+        else:
+            made.floating_point_range = [FloatingPointRange(from_value=row.low, to_value=row.high, step=0.0)]
+    return made
+
+
+def declare(node: Node, table: Sequence[Entry]) -> Values:
     """Declare the table's parameters; return their values by name. Raises ParameterError."""
     return {row.name: _declare(node, row) for row in table}
 
@@ -73,7 +57,8 @@ def declare(node: Node, table: Sequence[Entry]) -> dict[str, Any]:
 def _declare(node: Node, row: Entry) -> Any:
     where = f"parameter {row.name} of {node.get_name()}"
     try:
-        value = node.declare_parameter(row.name, row.default, row.descriptor()).value
+        default = _TYPES[row.default] if isinstance(row.default, type) else row.default
+        value = node.declare_parameter(row.name, default, _descriptor(row)).value
     except (ParameterException, ValueError, TypeError) as error:
         given = node._parameter_overrides.get(row.name)
         problem = row.problem(given.value) if given is not None and given.value is not None else ""
@@ -147,5 +132,5 @@ class LiveParameters:
         self._node.add_on_set_parameters_callback(validate)
         self._node.add_post_set_parameters_callback(accept)
 
-    def _live(self, parameters: list[Parameter]) -> dict[str, Any]:
+    def _live(self, parameters: list[Parameter]) -> Values:
         return {parameter.name: parameter.value for parameter in parameters if parameter.name in self._rows}

@@ -19,9 +19,9 @@ from atpid_common.nodes.messages import STATUS, STEADY
 from atpid_common.nodes.parameters import Publish
 
 GONE_AFTER = 5.0  # the recorder publishes its status once a second; one that is silent for so long is gone [s]
-PERIOD = 0.5  # between two checks [s]
-CLOSING_PERIOD = 0.05  # between two checks whether the bag is closed [s]
-DELIVERY = 1.0  # how long a subscriber may take to receive the last messages [s]
+_PERIOD = 0.5  # between two checks [s]
+_CLOSING_PERIOD = 0.05  # between two checks whether the bag is closed [s]
+_DELIVERY = 1.0  # how long a subscriber may take to receive the last messages [s]
 
 
 class RecorderWatch:
@@ -34,7 +34,7 @@ class RecorderWatch:
         self._received = 0.0  # steady [s]
         self._gone = False
         subscribe(node, RecorderStatus, "recorder/status", self._receive, STATUS)
-        self._timer = node.create_timer(PERIOD, self._check, clock=STEADY)
+        self._timer = node.create_timer(_PERIOD, self._check, clock=STEADY)
         if not expected:
             self._timer.cancel()
 
@@ -89,13 +89,13 @@ class Leaving:
     def when_recorded(self, status: int) -> None:
         """Leave with `status` as soon as the recorder has closed its bag."""
         self.status = status
-        self._timer = self._node.create_timer(CLOSING_PERIOD, self._check, clock=STEADY)
+        self._timer = self._node.create_timer(_CLOSING_PERIOD, self._check, clock=STEADY)
 
     def at_once(self, status: int) -> None:
         """Leave with `status` as soon as everything published is delivered."""
         self.status = status
         for publisher in self._publishers():
-            publisher.wait_for_all_acked(Duration(seconds=DELIVERY))
+            publisher.wait_for_all_acked(Duration(seconds=_DELIVERY))
         if not self.done.done():
             self.done.set_result(status)
 

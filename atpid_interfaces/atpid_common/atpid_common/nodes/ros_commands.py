@@ -36,10 +36,10 @@ _TRANSITIONS = {
 }
 _ANSWER = 2.0  # how long a node may take to answer before it is asked again [s]
 #: How long to wait for the node to be discovered, and for its answer [s].
-TIMEOUT = 10.0
+_TIMEOUT = 10.0
 
 
-class Echo(Node):
+class _Echo(Node):
     """Subscribes to one topic as soon as it is published, whatever its type."""
 
     def __init__(self, topic: str, field: str, once: bool) -> None:
@@ -60,7 +60,7 @@ class Echo(Node):
         self.create_subscription(kind, self._topic, self._on_message, offered)
         self.subscribed = True
 
-    def _on_message(self, message: Any) -> None:
+    def _on_message(self, message: object) -> None:
         if self.done:
             return
         try:
@@ -68,19 +68,19 @@ class Echo(Node):
                 message = getattr(message, name)
         except AttributeError as error:
             raise InputError(f"--field: given {self._field}; {error}") from None
-        print(yaml.safe_dump(plain(message), sort_keys=False).removesuffix("...\n"), "---", sep="", flush=True)
+        print(yaml.safe_dump(_plain(message), sort_keys=False).removesuffix("...\n"), "---", sep="", flush=True)
         self.done = self._once
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """Return a message, or a field of one, as numbers, texts, lists and dicts."""
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
         return list(value) if len(value) != 1 else value[0]
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         return value
-    return [plain(item) for item in value]
+    return [_plain(item) for item in value]
 
 
 def _add_echo(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +90,7 @@ def _add_echo(parser: argparse.ArgumentParser) -> None:
 
 
 def _echo(given: argparse.Namespace) -> int:
-    make = partial(Echo, given.topic, given.field, given.once)
+    make = partial(_Echo, given.topic, given.field, given.once)
     with Interrupt() as interrupt, command_node(make) as (node, executor):
         interrupt.defer()
         with announced(f"waiting for a publisher of {given.topic}"):
@@ -167,53 +167,53 @@ def _lifecycle(given: argparse.Namespace) -> int:
 LIFECYCLE = Command(_add_lifecycle, _lifecycle, "/motor_node configure")
 
 
-class ParamError(InputError):
+class _ParamError(InputError):
     """A node that is not there, or a parameter that cannot be read or set."""
 
 
-class Client:
+class _Client:
     """The parameter services of one node."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, name: str) -> None:
         """Wait for the services of the node `name`; raise ParamError where they are not there."""
         self._executor, self._name = executor, name
         self._client = AsyncParameterClient(node, name)
-        if not self._client.wait_for_services(TIMEOUT):
-            raise ParamError(f"node {name}: not found within {TIMEOUT:g} s; is it running, in this ROS_DOMAIN_ID?")
+        if not self._client.wait_for_services(_TIMEOUT):
+            raise _ParamError(f"node {name}: not found within {_TIMEOUT:g} s; is it running, in this ROS_DOMAIN_ID?")
 
     def call(self, request: Callable[[AsyncParameterClient], Any]) -> Any:
         """Return the response to `request`; raise ParamError where none comes."""
         answer = request(self._client)
-        self._executor.spin_until_future_complete(answer, TIMEOUT)
+        self._executor.spin_until_future_complete(answer, _TIMEOUT)
         if not answer.done():
-            raise ParamError(f"node {self._name}: no answer within {TIMEOUT:g} s")
+            raise _ParamError(f"node {self._name}: no answer within {_TIMEOUT:g} s")
         return answer.result()
 
 
-def get(client: Client, name: str) -> None:
+def get(client: _Client, name: str) -> None:
     """Print the value of a parameter."""
     (value,) = client.call(lambda services: services.get_parameters([name])).values or (None,)
     if value is None or value.type == RosParameter.Type.NOT_SET.value:
-        raise ParamError(f"parameter {name}: the node has none of this name")
+        raise _ParamError(f"parameter {name}: the node has none of this name")
     print(parameter_value_to_python(value))
 
 
-def change(client: Client, name: str, text: str) -> None:
+def change(client: _Client, name: str, text: str) -> None:
     """Set a parameter to the value that `text` is in YAML; raise ParamError with the node's reason where it refuses."""
     parameter = RosParameter(name, value=parameter_value_to_python(get_parameter_value(text)))
     (result,) = client.call(lambda services: services.set_parameters([parameter])).results
     if not result.successful:
-        raise ParamError(f"refused: {result.reason}")
+        raise _ParamError(f"refused: {result.reason}")
     print(f"{name}: {parameter.value}")
 
 
-def describe(client: Client, name: str) -> None:
+def describe(client: _Client, name: str) -> None:
     """Print description and range of a parameter."""
     found: Sequence[ParameterDescriptor] = client.call(
         lambda services: services.describe_parameters([name])
     ).descriptors
     if not found or not found[0].type:
-        raise ParamError(f"parameter {name}: the node has none of this name")
+        raise _ParamError(f"parameter {name}: the node has none of this name")
     for allowed in (*found[0].floating_point_range, *found[0].integer_range):
         print(f"allowed: {allowed.from_value:g} to {allowed.to_value:g}")
     for line in filter(None, (found[0].description, found[0].additional_constraints)):
@@ -221,22 +221,22 @@ def describe(client: Client, name: str) -> None:
     print("read once, at the start" if found[0].read_only else "may be set while the node runs")
 
 
-def list_all(client: Client) -> None:
+def _list_all(client: _Client) -> None:
     """Print the names of all parameters."""
     print("\n".join(sorted(client.call(lambda services: services.list_parameters([], 10)).result.names)))
 
 
-VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
+_VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
     "get": (get, ("name",), "print a parameter's value"),
     "set": (change, ("name", "value"), "set a parameter"),
     "describe": (describe, ("name",), "print what a parameter means and which values are allowed"),
-    "list": (list_all, (), "print the names of all parameters"),
+    "list": (_list_all, (), "print the names of all parameters"),
 }
 
 
 def _add_param(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb, (act, arguments, what) in VERBS.items():
+    for verb, (act, arguments, what) in _VERBS.items():
         command = verbs.add_parser(verb, help=what)
         command.add_argument("node", type=graph_name, help="name of the node, for example /selector_node")
         for argument in arguments:
@@ -246,7 +246,7 @@ def _add_param(parser: argparse.ArgumentParser) -> None:
 
 def _param(given: argparse.Namespace) -> int:
     with command_node(partial(Node, "param", start_parameter_services=False)) as (node, executor):
-        client = Client(node, executor, given.node)
+        client = _Client(node, executor, given.node)
         given.act(client, *(getattr(given, argument) for argument in given.arguments))
     return DONE
 

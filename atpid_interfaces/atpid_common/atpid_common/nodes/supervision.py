@@ -82,13 +82,13 @@ class NodeMonitors:
 
 
 #: Last part of the time-out: what was queued while this process was held up is received in it [s].
-GRACE = 0.05
+_GRACE = 0.05
 #: Messages that may be missing one after the other before that is silence.
 MISSING = 3
 #: Stamps of one instant may differ by rounding [ns].
-SAME_INSTANT = 10_000
+_SAME_INSTANT = 10_000
 #: Longest time-out, whatever the period [s]: that between the last block of a run and the first of the next is none.
-LONGEST = 10.0
+_LONGEST = 10.0
 
 
 @dataclass
@@ -139,12 +139,12 @@ class StaleMonitor:
         if not self._enabled:
             return
         topic = self._topics[name]
-        if self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT):
+        if self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + _SAME_INSTANT):
             return  # of the run that has ended
         self._ended_ns = None
         silence, topic.last = time.monotonic() - topic.last, time.monotonic()
         topic.waited = False
-        self._wait(topic.timer, max(self.timeout, min(MISSING * period, LONGEST)) - GRACE)
+        self._wait(topic.timer, max(self.timeout, min(MISSING * period, _LONGEST)) - _GRACE)
         if topic.stale:
             topic.stale = False
             self._publish(Event.INFO, Event.RESUMED, f"{name}: messages again after {silence:.2f} s", silence)
@@ -186,7 +186,7 @@ class StaleMonitor:
     def _expired(self, topic: _Topic) -> None:
         if not topic.waited:
             topic.waited = True
-            self._wait(topic.timer, GRACE)
+            self._wait(topic.timer, _GRACE)
             return
         topic.timer.cancel()
         topic.stale = True

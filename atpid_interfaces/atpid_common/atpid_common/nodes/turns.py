@@ -17,11 +17,12 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.task import Task
 from rclpy.utilities import timeout_sec_to_nsec
-from rclpy.waitable import NumberOfEntities
+from rclpy.waitable import NumberOfEntities, Waitable
 
 #: Between two looks for events of the middleware, of which every publisher and subscription has two [s].
-EVENTS_PERIOD = 1.0
+_EVENTS_PERIOD = 1.0
 #: The kinds of entities that are called at once, in this order.
 _KINDS = ("timer", "subscription", "client", "service")
 #: The kinds in the order in which a wait set counts them.
@@ -36,7 +37,7 @@ class TurnExecutor(SingleThreadedExecutor):
     second, the middleware's events. Callback groups do not count, since nothing is called in a second thread.
     """
 
-    _tasks: list[tuple[Any, Any, Any]]  # rclpy's: each task with the entity and node it is for
+    _tasks: list[tuple[Task, object, object]]  # rclpy's: each task with the entity and node it is for
 
     def __init__(self, gather: float = 0.0, *, context: Context | None = None) -> None:
         """Begin without a node; gather: pause before each turn, after which all messages are taken [s]."""
@@ -45,7 +46,7 @@ class TurnExecutor(SingleThreadedExecutor):
         self._wait_set: Any = None  # None: to be made
         self._add: list[Callable[[], object]] = []  # puts each entity into the set
         self._entities: dict[tuple[str, int], Any] = {}  # by kind, and by the number that the set gives back
-        self._rare: list[Any] = []  # waitables
+        self._rare: list[Waitable] = []
         self._rare_at = 0.0  # when to look for what is rare again, steady [s]
 
     def add_node(self, node: Node) -> bool:
@@ -125,7 +126,7 @@ class TurnExecutor(SingleThreadedExecutor):
 
     def _call_rare(self) -> None:
         """Call all that is ready as rclpy does it."""
-        self._rare_at = time.monotonic() + EVENTS_PERIOD
+        self._rare_at = time.monotonic() + _EVENTS_PERIOD
         with suppress(TimeoutException):  # there is no more
             while True:
                 handler, *_ = self.wait_for_ready_callbacks(timeout_sec=0.0)
@@ -160,13 +161,13 @@ class TurnExecutor(SingleThreadedExecutor):
         return made
 
 
-async def _awaited(called: Coroutine[Any, Any, object]) -> None:
+async def _awaited(called: Coroutine[None, None, object]) -> None:
     """Wait for the end of a callback that has been called, and waits for something itself."""
     await _resumed(called)
 
 
 @types.coroutine
-def _resumed(called: Coroutine[Any, Any, object]) -> Iterator[None]:
+def _resumed(called: Coroutine[None, None, object]) -> Iterator[None]:
     """Go on with a coroutine that has begun; `await` takes none that waits already."""
     with suppress(StopIteration):
         while True:

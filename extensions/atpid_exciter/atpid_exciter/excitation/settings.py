@@ -13,9 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.parameters import setting
 from atpid_common.vocabulary import ExciterKind
 from atpid_driver import DriverError, SettingsError
-from atpid_driver.settings import SupervisedSettings, described
+from atpid_driver.settings import SupervisedSettings
 
 BACKENDS: Final = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
 
@@ -24,54 +25,50 @@ BACKENDS: Final = ("simulated", "labjack_dac", "labjack_stream", "nidaqmx")
 class ExcitationSettings(SupervisedSettings):
     """Parameters of the excitation node, SI units. Amplitudes are of the support [m], or of a driving force [N]."""
 
-    backend: str = described(
+    backend: str = setting(
+        str,
         "what is commanded: the simulated plant's support or force, a T7's analogue output as an inverter's speed, "
         "its stream-out or an NI module's output as a shaker amplifier's input",
         choices=BACKENDS,
     )
-    highest_amplitude: float = described(
-        "largest amplitude that may be commanded, of the support [m] or of a force [N]; of labjack_dac the eccentric "
-        "disc's, the only one there is", "", 1e-9, 1e6,
-    )  # fmt: skip
-    lowest_frequency: float = described("lowest frequency that may be commanded", "Hz", 0.0, 1e5)
-    highest_frequency: float = described("highest frequency that may be commanded", "Hz", 0.0, 1e5)
-    rise_time: float = described("from no output to the largest amplitude", "s", 0.01, 600.0, default=2.0)
-    frequency_rate: float = described(
-        "the frequency changes no faster; a faster sweep is refused", "Hz/s", 1e-4, 1e4, default=1.0
+    highest_amplitude: float = setting(
+        float, "most that may be commanded [m, of a force N]; of labjack_dac the disc's, the only one", "", 1e-9, 1e6
     )
-    stop_time: float = described("from any output to none, after a stop and without commands", "s", 0.01, 0.15,
-                                 default=0.05)  # fmt: skip
-    rate: float = described("states published per second; not used in lockstep", "Hz", 20.0, 200.0, default=20.0)
-    stale_timeout: float = described(
-        "silence of excitation/command after which the output ramps down; not used in lockstep", "s", 0.1, 60.0,
-        default=1.2,
-    )  # fmt: skip
-    hold_tolerance: float = described("with hold: amplitude and frequency are held within this share", "-", 1e-4, 0.5,
-                                      default=0.01)  # fmt: skip
-    most_correction: float = described("with hold: the output is at most this many times the command's, or its inverse",
-                                       "-", 1.0, 100.0, default=3.0)  # fmt: skip
-    hold_timeout: float = described(
-        "with hold: so long without a usable estimate, and five periods at least, end the output", "s", 0.2, 60.0,
-        default=2.0,
-    )  # fmt: skip
-    saturation_time: float = described(
-        "with hold: so long at its limits, the command missed by more than the tolerance, end the output", "s", 0.1,
-        60.0, default=2.0,
-    )  # fmt: skip
-    calibration: str = described(
-        "calibration file of the output, channel drive_frequency [Hz] of labjack_dac, else drive_amplitude", default=""
+    lowest_frequency: float = setting(float, "lowest frequency that may be commanded", "Hz", 0.0, 1e5)
+    highest_frequency: float = setting(float, "highest frequency that may be commanded", "Hz", 0.0, 1e5)
+    rise_time: float = setting(2.0, "from no output to the largest amplitude", "s", 0.01, 600.0)
+    frequency_rate: float = setting(
+        1.0, "the frequency changes no faster; a faster sweep is refused", "Hz/s", 1e-4, 1e4
     )
-    calibration_folder: str = described("folder of that file; empty: that of the package's files", default="")
-    terminal: str = described("analogue output: DAC0 or DAC1 of a T7, cDAQ1Mod4/ao0 of an NI module", default="DAC0")
-    serial: int = described("serial number of the T7; 0: any", "", 0, 2**31 - 1, default=0)
-    connection: str = described("how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"),
-                                default="ANY")  # fmt: skip
-    sample_rate: float = described("samples per second of a streamed output", "Hz", 100.0, 50_000.0, default=2000.0)
-    watchdog: int = described(
-        "the T7 itself lets its outputs rest after this silence, where all processes are gone; LabJack advises against "
-        "less than 2 to 3 s", "s", 3, 60, default=3,
-    )  # fmt: skip
-    library: str = described("path of the vendor's library; empty: that of the system", default="")
+    stop_time: float = setting(0.05, "from any output to none, after a stop and without commands", "s", 0.01, 0.15)
+    rate: float = setting(20.0, "states published per second; not used in lockstep", "Hz", 20.0, 200.0)
+    stale_timeout: float = setting(
+        1.2, "silence of excitation/command after which the output ramps down; not used in lockstep", "s", 0.1, 60.0
+    )
+    hold_tolerance: float = setting(
+        0.01, "with hold: amplitude and frequency are held within this share", "-", 1e-4, 0.5
+    )
+    most_correction: float = setting(
+        3.0, "with hold: the output is at most this many times the command's, or its inverse", "-", 1.0, 100.0
+    )
+    hold_timeout: float = setting(
+        2.0, "with hold: so long without a usable estimate, and five periods at least, end the output", "s", 0.2, 60.0
+    )
+    saturation_time: float = setting(
+        2.0, "with hold: so long at its limits, the command missed beyond the tolerance, end the output", "s", 0.1, 60.0
+    )
+    calibration: str = setting(
+        "", "calibration file of the output, channel drive_frequency [Hz] of labjack_dac, else drive_amplitude"
+    )
+    calibration_folder: str = setting("", "folder of that file; empty: that of the package's files")
+    terminal: str = setting("DAC0", "analogue output: DAC0 or DAC1 of a T7, cDAQ1Mod4/ao0 of an NI module")
+    serial: int = setting(0, "serial number of the T7; 0: any", "", 0, 2**31 - 1)
+    connection: str = setting("ANY", "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"))
+    sample_rate: float = setting(2000.0, "samples per second of a streamed output", "Hz", 100.0, 50_000.0)
+    watchdog: int = setting(
+        3, "the T7 itself lets its outputs rest after it, all processes gone; LabJack: not below 2 to 3 s", "s", 3, 60
+    )
+    library: str = setting("", "path of the vendor's library; empty: that of the system")
 
     def __post_init__(self) -> None:
         """Raise `SettingsError` for an invalid value."""

@@ -11,7 +11,6 @@ it is supervised there is output only while the supervisor permits motion.
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import fields
 from functools import partial
 from math import inf, nan
 from typing import Any
@@ -27,12 +26,12 @@ from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.messages import STATES, STATUS, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
+from atpid_common.parameters import rows_of
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import ExciterKind, ExciterMode, Frame, Quality
 from atpid_driver import DriverError
 from atpid_driver.calibration.model import shipped_calibrations
 from atpid_driver.nodes.authority import DISCOVERY_TIME
-from atpid_driver.nodes.motor_interface import row_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_exciter.excitation.drive import Output, OutputLostError
@@ -40,7 +39,7 @@ from atpid_exciter.excitation.hold import Hold
 from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 
 #: The node's parameters, as `ExcitationSettings` declares them.
-TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
+TABLE = rows_of(ExcitationSettings)
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
 LOOP_DELAY = 0.2
 #: An estimate that is older shows nothing about now [s]; a hold waits for one for so many periods at least.

@@ -15,7 +15,8 @@ from atpid_common.errors import InputError
 from atpid_common.message_checks import CHECKS
 from atpid_common.nodes.checked import Dropped
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Entry, declare
+from atpid_common.nodes.parameters import declare
+from atpid_common.parameters import Entry
 from atpid_control.nodes.bag_qos import class_of, subscription_qos
 from atpid_control.runs.decode import Decoder, message_type, stamp_of
 from atpid_control.runs.errors import BagError
