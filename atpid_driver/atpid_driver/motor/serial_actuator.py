@@ -14,7 +14,7 @@ from math import isnan, nan
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError, NotReadyError, SettingsError
-from atpid_driver.motor.ceiling_actuator import Identity, Reading
+from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.faults import StopNotConfirmedError, in_words
 from atpid_driver.motor.link import Link
 from atpid_driver.motor.protocol import micrometres
@@ -41,10 +41,10 @@ class SerialActuator:
             raise SettingsError("faults: given some with backend serial; allowed: none, a real motor is not disturbed")
         return self
 
-    def connect(self, now: int) -> Identity:
+    def connect(self, now: int) -> str:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""
         identity = self._link.start()
-        return Identity(identity.name, identity.version)
+        return f"{identity.name} {identity.version}"
 
     def activate(self, now: int) -> None:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""

@@ -87,9 +87,9 @@ class MotorNode(SupervisedNode):
         super()._on_event(event)
 
     def _configure(self) -> None:
-        self.identity = self._actuator.connect(self._now())
+        found = self._actuator.connect(self._now())
         self._connected = True
-        self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
+        self.get_logger().info(f"connected to {found}; motor off")
 
     def _activate(self) -> None:
         self._check_permitted()
