@@ -8,6 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from atpid_common.testing import PATIENCE
-from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
-from atpid_driver.acquisition.protocol import SimulatedSettings
+from atpid_driver.acquisition import Block, DeviceIdentity, DeviceMissingError, SetupRefusedError, StreamLostError
+from atpid_driver.acquisition.protocol import SimulatedSettings, Volts
 from atpid_driver.acquisition.reader import Backoff, Reader
-from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
+from atpid_driver.acquisition.simulated import SERIAL, SimulatedAcquisition
 from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
 SETTINGS = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
@@ -90,14 +91,28 @@ def test_a_slow_taker_holds_the_device_back_but_loses_nothing_and_order_is_kept(
     assert full.reader.status.last_error == ""
 
 
+class Pluggable(SimulatedAcquisition):
+    plugged, number = True, SERIAL
+
+    def open(self) -> DeviceIdentity:
+        if not self.plugged:
+            raise DeviceMissingError("not found")
+        return replace(super().open(), serial=self.number)
+
+    def _take(self) -> tuple[Volts, int]:
+        if not self.plugged:
+            raise StreamLostError("unplugged")
+        return super()._take()
+
+
 def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watching) -> None:
-    faults = Faults()
-    one = watch(SimulatedAcquisition(SETTINGS, faults))
+    device = Pluggable(SETTINGS)
+    one = watch(device)
     blocks = one.blocks(3)
-    faults.plugged = False
+    device.plugged = False
     reasons = {one.fault(), one.fault()}
     assert len(reasons) == 2
-    faults.plugged = True
+    device.plugged = True
     one.recovers()
     blocks += one.blocks(3)
     status = one.reader.status
@@ -110,12 +125,12 @@ def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watchin
     assert (status.interruptions, status.last_error) == (1, "")
     assert one.has_no_more()  # each line once, however often it was tried
     # another device in the same place is not taken
-    faults.plugged, faults.serial = False, 77
+    device.plugged, device.number = False, 77
     one.fault()
     one.fault()
-    faults.plugged = True
+    device.plugged = True
     assert {"simulated:77", "simulated:1:"} <= set(one.fault().split())
-    faults.serial = 1
+    device.number = SERIAL
     one.recovers()
 
 
