@@ -8,7 +8,7 @@ backend: `setting` gives it description and unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeVar
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from atpid_common.files import Document
 from atpid_driver import DriverError
 
 
@@ -55,7 +56,7 @@ class SetupRefusedError(AcquisitionError):
     retry = False
 
 
-T7_RANGES = (10.0, 1.0, 0.1, 0.01)
+_T7_RANGES = (10.0, 1.0, 0.1, 0.01)
 
 S = TypeVar("S", bound="AcquisitionSettings")
 
@@ -116,8 +117,8 @@ class LabJackSettings(AcquisitionSettings):
     @field_validator("voltage_range")
     @classmethod
     def _has_range(cls, volts: float) -> float:
-        if volts not in T7_RANGES:
-            raise ValueError(f"a T7 has the ranges {', '.join(f'{one:g}' for one in T7_RANGES)} V")
+        if volts not in _T7_RANGES:
+            raise ValueError(f"a T7 has the ranges {', '.join(f'{one:g}' for one in _T7_RANGES)} V")
         return volts
 
 
@@ -131,7 +132,7 @@ class NiSettings(AcquisitionSettings):
     library: str = ""
 
 
-def wired(values: Mapping[str, Any]) -> dict[str, Any]:
+def wired(values: Document) -> Document:
     """Return `channels` and `scans_per_block` as a backend takes them, of the parameters of an acquisition node.
 
     Raises SetupRefusedError.

@@ -7,7 +7,7 @@ A vendor's package is imported when a device is opened, not before (docs/extend.
 
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
@@ -31,7 +31,7 @@ class Backend(NamedTuple):
     """What makes a device: the class of its settings, and a function of such settings that returns it unopened."""
 
     settings: type[AcquisitionSettings]
-    make: Callable[[Any], Acquisition]
+    make: Callable[..., Acquisition]
 
 
 BUILT_IN = {

@@ -10,10 +10,9 @@ published leaves no trace.
 import threading
 import time
 from collections import deque
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import field_validator
 
 from atpid_driver.acquisition.protocol import (
@@ -109,7 +108,7 @@ class TopicAcquisition(Device):
             self._check_rate(rate, _ABOUT)  # no delay is so large
         self._check_rate(rate, _RATE_OFF)
         self._measured = rate if self._measured is None else self._measured
-        self._scans, self._rows = scans, dict[int, Any]()
+        self._scans, self._rows = scans, dict[int, Volts]()
         zero = int(places.max()) + 1  # the place of index 0, in messages after the first one seen
         self._zero = zero + (first.number or 0)
         at_ns = first.time_ns + round((offset + slope * zero) * 1e9)
@@ -118,7 +117,7 @@ class TopicAcquisition(Device):
         self._reached: float | None = None
         return self._started(self._measured)
 
-    def _line(self, seen: list[Arrival]) -> tuple[NDArray[np.float64], float, float]:
+    def _line(self, seen: list[Arrival]) -> tuple[Volts, float, float]:
         """Return the places of messages (n,) after the first, and slope and offset of their times over these [s]."""
         scans, first = len(seen[-1].values), seen[0]
         times = np.array([one.time_ns - first.time_ns for one in seen]) * 1e-9

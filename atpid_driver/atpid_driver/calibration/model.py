@@ -5,11 +5,10 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import yaml
@@ -17,7 +16,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_common.files import Document, FileError, parse_yaml, read_text
 from atpid_common.folders import share_folder
 from atpid_driver import DriverError
 
@@ -193,7 +192,7 @@ def check_channels(calibrations: tuple[Calibration, ...], channels: tuple[str, .
         )
 
 
-def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+def calibrations_of(values: Document) -> tuple[Calibration, ...]:
     """Return those of the parameters `units` and `factors`, or of the files in `calibrations`. Raises DriverError."""
     if any(values.get("units", ())):
         return _stated(values)
@@ -208,7 +207,7 @@ def shipped_calibrations() -> Path:
     return share_folder("atpid_driver") / "config" / "calibration"
 
 
-def _stated(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+def _stated(values: Document) -> tuple[Calibration, ...]:
     """Return calibrations from the parameters `units` and `factors`. Raises CalibrationError."""
     names, units, factors = list(values["channels"]), list(values["units"]), list(values["factors"])
     factors *= len(names) if len(factors) == 1 else 1
@@ -216,9 +215,9 @@ def _stated(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
         raise CalibrationError(
             f"units {units}, factors {factors}: give one of each for a channel, factors not 0, and no calibrations"
         )
-    known = {"sensor": "as stated", "serial": "none", "date": date.today(), "source": "parameters units and factors",
-             "limits_volts": (-_MOST, _MOST)}  # fmt: skip
+    source, limits = "parameters units and factors", (-_MOST, _MOST)
+    known: Document = {"sensor": "as stated", "serial": "none", "source": source, "limits_volts": limits}
     return tuple(
-        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), **known)
+        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), date=date.today(), **known)
         for name, unit, factor in zip(names, units, factors, strict=True)
     )

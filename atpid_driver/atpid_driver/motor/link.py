@@ -109,9 +109,9 @@ def _opening(name: str, error: Exception) -> str:
     return f"{name} cannot be opened: {text}"
 
 
-FIRST_WAIT, LONGEST_WAIT = 0.1, 5.0
+_FIRST_WAIT, _LONGEST_WAIT = 0.1, 5.0
 #: How long arming may take until the board has accepted both words [s].
-ARM_TIME: Final = 2.5
+_ARM_TIME: Final = 2.5
 _T = TypeVar("_T")
 
 
@@ -180,11 +180,11 @@ class Link:
         """Arm, and home if the reference is lost. Raises `DriverError` where the board does not accept it."""
         done = self._state(self._dialogue.arm)
         try:
-            done.result(timeout=ARM_TIME)
+            done.result(timeout=_ARM_TIME)
         except TimeoutError:
             with self._lock:
                 self._dialogue.end_arming(NotReadyError("arming took too long"))
-            raise LinkError(f"the board did not accept ARM within {ARM_TIME:g} s") from None
+            raise LinkError(f"the board did not accept ARM within {_ARM_TIME:g} s") from None
 
     def disarm(self) -> None:
         """Switch the motor off. Raises `StopNotConfirmedError` where the board does not confirm it in time."""
@@ -227,7 +227,7 @@ class Link:
             self._ended.set()
 
     def _keep_connected(self) -> None:
-        wait = FIRST_WAIT
+        wait = _FIRST_WAIT
         while not self._closing.is_set():
             before = self._dialogue.identity
             try:
@@ -237,7 +237,7 @@ class Link:
                 self._failed(error)
             except Exception as error:  # noqa: BLE001  # an exception would end the thread without a report
                 self._failed(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
-            wait = FIRST_WAIT if self._dialogue.identity is not before else min(2 * wait, LONGEST_WAIT)
+            wait = _FIRST_WAIT if self._dialogue.identity is not before else min(2 * wait, _LONGEST_WAIT)
             self._closing.wait(wait)
 
     def _failed(self, error: DriverError) -> None:

@@ -27,9 +27,9 @@ from atpid_driver.settings import SupervisedSettings
 #: What the middleware calls a node before it has its name; a program without a ROS node never gets another one.
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 #: How long a publisher may be without a name before it is reported as one [s].
-NAMING_TIME = 1.0
+_NAMING_TIME = 1.0
 #: After so long without a command that must not be followed the next one is reported again [s].
-REPORT_AGAIN = 1.0
+_REPORT_AGAIN = 1.0
 #: A publisher's own count of its messages may jump by so many: some were lost.
 MOST_LOST = 1000
 #: Where the supervisor publishes its permission.
@@ -54,7 +54,7 @@ class Commander:
         self._node, self._name, self._silence = node, name, silence
         self.topic, self._resolved = topic, node.resolve_topic_name(topic)
         self._number, self._followed_at = 0, -silence  # of the last command followed
-        self._began = self._last = -REPORT_AGAIN  # of commands that must not be followed [s]
+        self._began = self._last = -_REPORT_AGAIN  # of commands that must not be followed [s]
         self._reported = False
         self.several = False  # the graph shows another sender than the one that may command
         self.problem = ""  # why the last command must not be followed; empty: it may
@@ -67,7 +67,7 @@ class Commander:
         self.problem = problem or self._of_sequence(number)
         if self.problem:
             now = time.monotonic()
-            if now - self._last > REPORT_AGAIN:
+            if now - self._last > _REPORT_AGAIN:
                 self._began, self._reported = now, False
             self._last = now
             self.refused += 1
@@ -75,7 +75,7 @@ class Commander:
 
     def to_report(self) -> bool:
         """Return whether the problem is to be reported now: once, and not while a name is about to be known."""
-        named = UNKNOWN not in self.problem or self._last - self._began > NAMING_TIME
+        named = UNKNOWN not in self.problem or self._last - self._began > _NAMING_TIME
         reported, self._reported = self._reported, self._reported or named
         return named and not reported
 
@@ -111,15 +111,12 @@ class Commander:
 class MotionPermit:
     """Whether motor or exciter may move now; always, where it is not supervised."""
 
-    def __init__(
-        self, node: Node, on_stop: Callable[[str], None], timeout: float, on_state: Callable[[], None] = lambda: None,
-        *, supervised: bool,
-    ) -> None:  # fmt: skip
+    def __init__(self, node: Node, on_stop: Callable[[str], None], timeout: float, *, supervised: bool) -> None:
         """Subscribe where it is supervised; on_stop: called with the reason of a stop, by each message that has one.
 
-        timeout: silence of the supervisor that withdraws the permission [s]; on_state: called after each message.
+        timeout: silence of the supervisor that withdraws the permission [s].
         """
-        self._on_state = on_state
+        self.on_state: Callable[[], None] = lambda: None  # called after each message
         self.supervised, self._timeout, self._on_stop = supervised, timeout, on_stop
         self._permitted, self._received = False, 0.0  # steady [s]
         self.ending = False  # the supervisor ends in order
@@ -148,7 +145,7 @@ class MotionPermit:
         self.ending = state.state == SupervisorState.SHUTDOWN
         if state.stop:
             self._on_stop(self._reason)
-        self._on_state()
+        self.on_state()
 
 
 class DuplicateNodes:

@@ -55,11 +55,11 @@ def settings_of(value: Value) -> MotorSettings:
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:
     """Return the message of a reading; `handshake` marks its answer."""
-    return CeilingState(
-        header=header, handshake=handshake, mode=reading.mode, homed=reading.homed,
-        faults=reading.faults, fault=in_words(reading.faults), height=reading.height, target=reading.target,
-        velocity=reading.velocity, speed=reading.speed, sequence=reading.sequence,
-    )  # fmt: skip
+    state = CeilingState(header=header, handshake=handshake, mode=reading.mode, homed=reading.homed)
+    state.faults, state.fault = reading.faults, in_words(reading.faults)
+    state.height, state.target, state.velocity = reading.height, reading.target, reading.velocity
+    state.speed, state.sequence = reading.speed, reading.sequence
+    return state
 
 
 def status_of(
