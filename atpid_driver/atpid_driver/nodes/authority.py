@@ -56,7 +56,7 @@ class Commander:
         self._number, self._followed_at = 0, -silence  # of the last command followed
         self._began = self._last = -_REPORT_AGAIN  # of commands that must not be followed [s]
         self._reported = False
-        self.several = False  # the graph shows another sender than the one that may command
+        self.several = False  # the graph shows another sender than the one that may command: then nothing may move
         self.problem = ""  # why the last command must not be followed; empty: it may
         self.refused = 0
 
@@ -196,7 +196,7 @@ class CommandGate:
     """Judges each command by its sender and its age, and reports what is refused once.
 
     The age of a command is the largest of three: by its stamp and the steady clock (`Freshness`), since its
-    publication, and since its receipt. A command that waits in the link after that is judged there (`Link`).
+    publication, and since its receipt. A command that waits in the link after that is judged there (`Dialogue`).
     """
 
     def __init__(
@@ -208,7 +208,7 @@ class CommandGate:
     ) -> None:
         """Begin; publish_event: called with severity, kind, value and text."""
         self._settings, self._publish_event = settings, publish_event
-        self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)
+        self.commander = Commander(node, topic, settings.commander, settings.stale_timeout)
         self._freshness = Freshness()
         self._late = 0.0  # of the last command [s]
         self._last: tuple[object, _Seen] | None = None  # the last decision
@@ -224,23 +224,18 @@ class CommandGate:
         """
         if self._settings.lockstep:
             return False
-        foreign = bool(self._commander.judge(number_of(info)))
+        foreign = bool(self.commander.judge(number_of(info)))
         seen = _Seen(time.monotonic(), number_of(info))
         if foreign and self._last is not None and decision == self._last[0]:
             self._last = decision, seen
-        if foreign and (self._commander.several or decision in self._voided):
+        if foreign and (self.commander.several or decision in self._voided):
             self._remember(decision, seen)
         return foreign
 
-    @property
-    def several_senders(self) -> bool:
-        """Whether the graph shows another sender than the one that may command: then nothing may move."""
-        return self._commander.several
-
     def report_foreign(self, value: float) -> None:
         """Report a foreign command of `value`, once."""
-        if self._commander.to_report():
-            text = f"command ignored: {self._commander.problem}"
+        if self.commander.to_report():
+            text = f"command ignored: {self.commander.problem}"
             self._publish_event(Event.ALARM, Event.REFUSED, value, text)
 
     def receive(self, stamp: int, info: dict[str, int], decision: object) -> None:
@@ -318,10 +313,6 @@ class CommandGate:
     def restart(self) -> None:
         """A source begins: its stamps are not those of the one before."""
         self._freshness.restart()
-
-    def status(self) -> DiagnosticStatus:
-        """Return the status "NODE: commands"."""
-        return self._commander.status()
 
 
 #: The least lateness seen is forgotten by so much a second, so that a clock that drifts is followed [-].

@@ -23,11 +23,7 @@ THRESHOLDS = (
     Entry("spike", 0.0, "a reading further than this from both its neighbours is a spike; 0: none is", "V", 0.0, 100.0),
     Entry("spikes_per_second", 3.0, "from which spikes are reported", "1/s", 0.01, 100_000.0),
 )
-_EVENTS = (
-    (Event.INFO, Event.RECOVERED),
-    (Event.WARNING, Event.FAULT),
-    (Event.ALARM, Event.FAULT),
-)
+_EVENTS = ((Event.INFO, Event.RECOVERED), (Event.WARNING, Event.FAULT), (Event.ALARM, Event.FAULT))
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 

@@ -261,7 +261,7 @@ class MotorNode(SupervisedNode):
         reading = self._reading()
         return [
             status_of(self, self._actuator, reading, self._last_error, self._gate.latencies),
-            self._gate.status(),
+            self._gate.commander.status(),
         ]
 
     def _rearm(self) -> str:

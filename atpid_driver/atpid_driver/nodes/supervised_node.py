@@ -105,7 +105,7 @@ class SupervisedNode(DeviceNode):
         """Return whether a command, of `value`, is not of the sender that is followed; beside another nothing moves."""
         if not self._gate.is_foreign(info, decision):
             return False
-        if self._gate.several_senders:
+        if self._gate.commander.several:
             self._halt()
         self._gate.report_foreign(value)
         return True

@@ -285,7 +285,7 @@ class ExcitationNode(SupervisedNode):
         wrong = self._fault or output.mode in (ExciterMode.FAULT, ExciterMode.UNCONFIGURED)
         level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK
         message = self._fault or output.mode.name.lower()
-        return [status(self, "excitation", level, message, values), self._gate.status()]
+        return [status(self, "excitation", level, message, values), self._gate.commander.status()]
 
 
 main: Callable[[], int] = partial(run_node, ExcitationNode, priority=LOOP_PRIORITY)
