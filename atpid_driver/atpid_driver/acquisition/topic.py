@@ -65,12 +65,14 @@ class Arrival(NamedTuple):
 class TopicAcquisition(Device):
     """A driver's topic; `arrived` is called for each message, from any thread, whether or not a stream runs."""
 
+    _settings: TopicSettings
+
     def __init__(self, settings: TopicSettings) -> None:
-        self._settings: TopicSettings = settings
-        self.settings = settings
+        self._settings = self.settings = settings
         self._arrivals: deque[Arrival] = deque(maxlen=100_000)
         self._changed = threading.Condition()
         self._count, self._open = 0, False
+        self.late = 0  # scans that came twice, or after they were given up
         self.start_ns: int | None = None  # by the driver's stamps, at index 0 [ns since the epoch]; None: it has none
         self._measured: float | None = None  # rate of the first stream [Hz]
 
@@ -196,8 +198,10 @@ class TopicAcquisition(Device):
             place = one.number - self._zero
         first = place * self._scans
         for index, row in enumerate(one.values, first):
-            if index >= self._next:
-                self._rows.setdefault(index, row)  # of one that came twice the first counts
+            if index >= self._next and index not in self._rows:
+                self._rows[index] = row
+            else:
+                self.late += index >= 0
         if self._reached is None and first + self._scans > last:
             self._reached = time.monotonic()
 
