@@ -24,8 +24,7 @@ SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, 
 
 def need_emulator() -> None:
     """Skip a test, with the reason, where the AVR tools are missing; in CI that is a failure."""
-    missing = missing_tools()
-    if missing:
+    if missing := missing_tools():
         text = f"left out: the real firmware on the emulated board; missing {', '.join(missing)}: {PACKAGES}"
         (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(text)
 

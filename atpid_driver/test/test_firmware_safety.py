@@ -486,14 +486,8 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("run", ["", "11400000 99", STORM])  # the second once left a target outside the limits
 def test_every_rule_holds_for_random_requests_and_faults(build: Path, run: str) -> None:
     """Under the compiler's address and undefined-behaviour checks."""
-    command = [
-        "make",
-        "-C",
-        str(Path(__file__).resolve().parents[1] / "firmware"),
-        "check",
-        f"BUILD={build}",
-        f"RUN={run}",
-    ]
+    firmware = Path(__file__).resolve().parents[1] / "firmware"
+    command = ["make", "-C", str(firmware), "check", f"BUILD={build}", f"RUN={run}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     last = done.stdout.splitlines()[-2 if "Leaving" in done.stdout else -1]

@@ -135,7 +135,7 @@ class NiAcquisition(Device):
             self._link.close()
             self._link = None
 
-    def _options(self) -> Any:
+    def _options(self) -> object:
         """Return fresh gRPC options for one task, or None for the local library."""
         if not self._settings.grpc:
             return None

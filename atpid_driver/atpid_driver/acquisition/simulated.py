@@ -31,7 +31,6 @@ class SimulatedAcquisition(Device):
         return self._started(self._settings.rate)
 
     def _take(self) -> tuple[Volts, int]:
-        """Wait until the last scan is due."""
         settings, first = self._settings, self._next
         last = first + settings.scans_per_block
         self._pause.wait(max(0.0, self._began + last / settings.rate - time.monotonic()))

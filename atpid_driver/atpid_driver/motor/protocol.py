@@ -84,7 +84,6 @@ class Refusal:
     reason: str
 
     def __str__(self) -> str:
-        """Return the reason in words."""
         return REFUSALS.get(self.reason, self.reason)
 
 

@@ -36,7 +36,7 @@ _T = TypeVar("_T")
 
 
 class SerialActuator:
-    """A ceiling behind a serial port. Any thread may call it; what it takes is written by the I/O thread."""
+    """A ceiling behind a serial port, called from whatever thread; what it takes is written by the I/O thread."""
 
     placed, true_height = True, nan  # it homes; and nothing but its readings shows where it stands
 

@@ -282,7 +282,8 @@ class FaultyActuator(SimulatedActuator):
         # there a switch cuts the motor's supply, whatever drives it; below, the grain holds the ceiling
         top = self.limits.highest + TO_THE_SWITCH
         self.true_height = min(max(self.true_height + velocity * _STEP, self.limits.lowest), top)
-        self._past = [*self._past[-20_000:], self.true_height] if self._delay else []
+        delayed = any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
+        self._past = [*self._past[-20_000:], self.true_height] if delayed else []
         before, self._reading = self._reading, self._sensed(time)
         if self._mode is not Mode.HOLDING:
             return
@@ -293,10 +294,6 @@ class FaultyActuator(SimulatedActuator):
             self._on, self._origin = False, self._reading
             if arrived:
                 self._origin = self._target
-
-    @property
-    def _delay(self) -> bool:
-        return any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
 
     def _velocity(self, time: float) -> float:
         """Return how the ceiling really moves [m/s]."""

@@ -48,7 +48,6 @@ class AcquisitionNode(DeviceNode):
     USUAL: ClassVar[Mapping[str, object]] = {}
 
     def __init__(self, **kwargs: object) -> None:
-        """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
         try:
             self._settings, self._calibrations = settings_of(self, self.USUAL)

@@ -93,7 +93,6 @@ class DeviceNode(LifecycleNode):
         return answer
 
     def _report_once(self, text: str) -> None:
-        """Report an error once, not at every attempt."""
         if text != self._last_error:
             self._report(text)
         self._last_error = text

@@ -202,7 +202,6 @@ class FeedNode(Node):
         return "" if self._live else f"sensors/laser of the device that reads {self._path}"
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the feed, for /diagnostics."""
         waiting = self._waiting_for()
         moving = self._next is not None and self._timer.is_canceled()
         message = f"waiting for {waiting}" if waiting else "fed by the plant" if moving else "last displacement, idle"

@@ -70,12 +70,9 @@ class MotorNode(SupervisedNode):
         self._was_granted = self._permit.granted
         self._begin()
         if not self._actuator.placed:
-            self._plant_ceiling = PlantCeiling(self, self._place)
+            self._plant_ceiling = PlantCeiling(self, lambda height: self._actuator.place(height, self._now()))
         self._inject(self.settings.injected)
         values.follow(lambda value: settings_of(value).injected, self._inject, self._events.publish)
-
-    def _place(self, height: float) -> None:
-        self._actuator.place(height, self._now())
 
     def _inject(self, faults: tuple[Injected, ...]) -> None:
         self._actuator = self._injection.change(self._actuator, faults, self._now())

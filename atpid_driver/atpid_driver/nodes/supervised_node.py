@@ -47,7 +47,6 @@ class SupervisedNode(DeviceNode):
     _rearm: Callable[[], str]  # arms an active one again; returns in words what it does then
 
     def __init__(self, name: str, **kwargs: object) -> None:
-        """Begin."""
         super().__init__(name, **kwargs)
         self._connected = self._active = False
         self._stopped = ""  # why it is off until a person arms it; empty: it is not
@@ -69,13 +68,9 @@ class SupervisedNode(DeviceNode):
         self._gate = CommandGate(self, self.COMMANDS, settings, self._publish_event)
         supervised = settings.supervised and in_time
         self._permit = MotionPermit(self, self._stop, settings.supervision_timeout, supervised=supervised)
-        self._permit.on_state = self._heed_permit
         if in_time:
             subscribe(self, Event, "events", self._on_event, EVENTS)
             self.create_timer(1.0 / settings.rate, self._each_period, clock=STEADY)
-
-    def _heed_permit(self) -> None:
-        """End what moves where the supervisor does not permit it any more."""
 
     def _on_event(self, event: Event) -> None:
         if event.kind == Event.STARTED:

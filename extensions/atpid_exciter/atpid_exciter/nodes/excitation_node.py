@@ -86,6 +86,7 @@ class ExcitationNode(SupervisedNode):
         self._measured_at = self._seen = self._within = 0
         self._output = Output(ExciterMode.UNCONFIGURED)
         self._open_topics(ExcitationCommand, ExcitationState, 1)
+        self._permit.on_state = self._heed_permit
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
         subscribe(self, SampleBlock, "excitation/signal", self._on_signal, STATUS)
         self._begin()
