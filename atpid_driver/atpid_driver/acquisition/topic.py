@@ -54,7 +54,7 @@ class TopicSettings(AcquisitionSettings):
         return source
 
 
-class Arrival(NamedTuple):
+class _Arrival(NamedTuple):
     """One message."""
 
     values: Volts  # its scans (k, channels)
@@ -69,7 +69,7 @@ class TopicAcquisition(Device):
 
     def __init__(self, settings: TopicSettings) -> None:
         self._settings = self.settings = settings
-        self._arrivals: deque[Arrival] = deque(maxlen=100_000)
+        self._arrivals: deque[_Arrival] = deque(maxlen=100_000)
         self._changed = threading.Condition()
         self._count, self._open = 0, False
         self.late = 0  # scans that came twice, or after they were given up
@@ -80,9 +80,9 @@ class TopicAcquisition(Device):
         """Take the scans (k, channels) of a message, its stamp [ns] and its number, where it has them."""
         with self._changed:
             if stamp_ns is None:
-                one = Arrival(values, time.monotonic_ns(), self._count if number is None else number)
+                one = _Arrival(values, time.monotonic_ns(), self._count if number is None else number)
             else:
-                one = Arrival(values, stamp_ns, None)
+                one = _Arrival(values, stamp_ns, None)
             self._count += 1
             self._arrivals.append(one)
             self._changed.notify_all()
@@ -97,7 +97,7 @@ class TopicAcquisition(Device):
         with self._changed:
             self._arrivals.clear()
             self._open = True
-        seen: list[Arrival] = []
+        seen: list[_Arrival] = []
         for _ in range(_TIMES):
             began = time.monotonic()
             while len(seen) < _MEASURED or time.monotonic() < began + _MEASURED_S:
@@ -119,7 +119,7 @@ class TopicAcquisition(Device):
         self._reached: float | None = None
         return self._started(self._measured)
 
-    def _line(self, seen: list[Arrival]) -> tuple[Volts, float, float]:
+    def _line(self, seen: list[_Arrival]) -> tuple[Volts, float, float]:
         """Return the places of messages (n,) after the first, and slope and offset of their times over these [s]."""
         scans, first = len(seen[-1].values), seen[0]
         times = np.array([one.time_ns - first.time_ns for one in seen]) * 1e-9
@@ -138,7 +138,7 @@ class TopicAcquisition(Device):
                 f"{100 * _RATE_OFF:g} %"
             )
 
-    def _next_arrival(self, until: float | None = None) -> Arrival:
+    def _next_arrival(self, until: float | None = None) -> _Arrival:
         """Wait for a message; raise StreamLostError where none comes. Raises TimeoutError at `until` [s, steady]."""
         limit = time.monotonic() + self._settings.silence
         with self._changed:
@@ -176,7 +176,7 @@ class TopicAcquisition(Device):
         self._reached = time.monotonic() if beyond >= due[-1] + size else None
         return volts, len(self._rows) + len(self._arrivals)
 
-    def _place(self, one: Arrival, last: int) -> None:
+    def _place(self, one: _Arrival, last: int) -> None:
         """Put the scans of a message where they belong. Raises StreamLostError: its stamp, or its size, is another."""
         source = self._settings.source
         if len(one.values) != self._scans:

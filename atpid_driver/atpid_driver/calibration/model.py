@@ -20,7 +20,7 @@ from atpid_common.files import Document, FileError, parse_yaml, read_text
 from atpid_common.folders import share_folder
 from atpid_driver import DriverError
 
-MOST_BYTES = 100_000  # the longest of ours has some hundreds
+_MOST_BYTES = 100_000  # the longest of ours has some hundreds
 
 
 class CalibrationError(DriverError):
@@ -72,7 +72,7 @@ class Calibration(BaseModel):
 def load(path: Path) -> Calibration:
     """Read a calibration file; CalibrationError names the file, the key, what was given and what is allowed."""
     try:
-        text = read_text(path, MOST_BYTES)
+        text = read_text(path, _MOST_BYTES)
     except FileError as error:
         raise CalibrationError(f"calibration file {error}") from None
     try:

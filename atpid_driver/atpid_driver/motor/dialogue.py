@@ -35,7 +35,7 @@ from atpid_driver.motor.settings import MotorSettings
 
 NO_LINK: Final = Reading(Mode.UNCONFIGURED)
 #: The heartbeat goes on for so long after the caller's last sign of life.
-KEEP_ALIVE_TIME: Final = 0.25
+_KEEP_ALIVE_TIME: Final = 0.25
 #: Between two frames of a stop that is not confirmed: often, since a lost frame must not delay it.
 STOP_REPEAT: Final = 0.02
 #: A stop that is not confirmed for so long is reported; it goes on. Longer than the firmware's heartbeat.
@@ -84,7 +84,7 @@ class Dialogue:
     # -- what is wanted --------------------------------------------------------------------------------------------
 
     def keep_alive(self, now: float) -> None:
-        """Note that the caller still runs: the heartbeat continues for KEEP_ALIVE_TIME."""
+        """Note that the caller still runs: the heartbeat continues for _KEEP_ALIVE_TIME."""
         self._kept_alive = now
 
     def hold(self, sequence: int | None, now: float) -> None:
@@ -242,7 +242,7 @@ class Dialogue:
             return None
         self._poll_at = max(self._poll_at + 1.0 / self._settings.rate, now)
         self._next = self._poll_at
-        alive = self.heartbeat and now - self._kept_alive < KEEP_ALIVE_TIME
+        alive = self.heartbeat and now - self._kept_alive < _KEEP_ALIVE_TIME
         return self._session.begin(now, "BEAT" if alive else "STATE")
 
     @property

@@ -25,13 +25,13 @@ from atpid_driver.motor.faults import CommandStaleError
 from atpid_driver.settings import SupervisedSettings
 
 #: What the middleware calls a node before it has its name; a program without a ROS node never gets another one.
-UNKNOWN = "_NODE_NAME_UNKNOWN_"
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 #: How long a publisher may be without a name before it is reported as one [s].
 _NAMING_TIME = 1.0
 #: After so long without a command that must not be followed the next one is reported again [s].
 _REPORT_AGAIN = 1.0
 #: A publisher's own count of its messages may jump by so many: some were lost.
-MOST_LOST = 1000
+_MOST_LOST = 1000
 #: Where the supervisor publishes its permission.
 TOPIC = "supervisor/state"
 #: Discovery takes this long at most: a node of this name seen within it was there before [s].
@@ -75,7 +75,7 @@ class Commander:
 
     def to_report(self) -> bool:
         """Return whether the problem is to be reported now: once, and not while a name is about to be known."""
-        named = UNKNOWN not in self.problem or self._last - self._began > _NAMING_TIME
+        named = _UNKNOWN not in self.problem or self._last - self._began > _NAMING_TIME
         reported, self._reported = self._reported, self._reported or named
         return named and not reported
 
@@ -95,7 +95,7 @@ class Commander:
     def _of_sequence(self, number: int) -> str:
         """Return what is wrong with a message whose publisher has numbered it so; 0: by no count."""
         now = time.monotonic()
-        in_turn = self._number < number <= self._number + MOST_LOST
+        in_turn = self._number < number <= self._number + _MOST_LOST
         if number and not in_turn and now - self._followed_at <= self._silence:
             return f"{self.topic} is published by two nodes of one name; the one that was there before is followed"
         self._number, self._followed_at = number, now
@@ -187,7 +187,7 @@ class _Seen(NamedTuple):
     number: int
 
 
-def number_of(info: dict[str, int]) -> int:
+def _number_of(info: dict[str, int]) -> int:
     """Return the publisher's own count of its messages; 0: the middleware has none."""
     return info.get("publication_sequence_number") or 0
 
@@ -224,8 +224,8 @@ class CommandGate:
         """
         if self._settings.lockstep:
             return False
-        foreign = bool(self.commander.judge(number_of(info)))
-        seen = _Seen(time.monotonic(), number_of(info))
+        foreign = bool(self.commander.judge(_number_of(info)))
+        seen = _Seen(time.monotonic(), _number_of(info))
         if foreign and self._last is not None and decision == self._last[0]:
             self._last = decision, seen
         if foreign and (self.commander.several or decision in self._voided):
@@ -246,7 +246,7 @@ class CommandGate:
         """
         self.latencies.add(info.get("received_timestamp", 0) - stamp)
         self._late = self._freshness.age(stamp, time.monotonic_ns())
-        seen, before = _Seen(time.monotonic(), number_of(info)), self._voided.get(decision)
+        seen, before = _Seen(time.monotonic(), _number_of(info)), self._voided.get(decision)
         self._last = decision, seen
         if before is None:
             return

@@ -38,18 +38,13 @@ from atpid_driver.nodes.acquisition_parameters import check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.device import FEED_MAGIC, Outputs
 
-EXCITER = (
-    Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
-    Entry("output_calibration", "", "calibration file of that output, drive_amplitude or drive_frequency"),
-    Entry("disc", 0.0, "amplitude of an eccentric drive's disc, whose frequency the output is", "", 0.0, 1e6),
-)
 #: Between two states; what is looked at for each [s].
 _PERIOD, _WINDOW = 0.05, 0.06
 #: A tone below this share of the range is none.
 _NOISE = 1e-4
 
 
-class EmulatedExciter:
+class _EmulatedExciter:
     """Publishes emulated/excitation/state: what DAC0, of a shaker over DAC1, really does, whatever the node says."""
 
     def __init__(self, node: Node, values: Document, topic: str) -> None:
@@ -100,7 +95,9 @@ PARAMETERS = (
     Entry("rest", [0.0], "reading of each channel until the plant moves it; one entry stands for all", "m or N"),
     Entry("calibrations", _CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
-    *EXCITER,
+    Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
+    Entry("output_calibration", "", "calibration file of that output, drive_amplitude or drive_frequency"),
+    Entry("disc", 0.0, "amplitude of an eccentric drive's disc, whose frequency the output is", "", 0.0, 1e6),
 )
 
 
@@ -114,7 +111,7 @@ class FeedNode(Node):
             values = declare(self, PARAMETERS)
             check_topic(self, values["topic"])
             if values["output"]:
-                self._exciter = EmulatedExciter(self, values, f"{_EMULATED}/excitation/state")
+                self._exciter = _EmulatedExciter(self, values, f"{_EMULATED}/excitation/state")
             self.feed = self._made(values)
         except InputError:
             super().destroy_node()

@@ -85,8 +85,8 @@ def status_of(
     return status(node, "ceiling motor", level, message, values, hardware_id)
 
 
-TRUTH = "ceiling/truth"
-ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
+_TRUTH = "ceiling/truth"
+_ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
 
 
 class PlantCeiling:
@@ -103,7 +103,7 @@ class PlantCeiling:
         self._truth: Subscription | None = subscribe(
             node, PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
         )
-        self._timer = node.create_timer(ANNOUNCE_AFTER, self._announce, clock=STEADY)
+        self._timer = node.create_timer(_ANNOUNCE_AFTER, self._announce, clock=STEADY)
 
     def _on_truth(self, truth: PlantTruth) -> None:
         if self._truth is None or not len(truth.ceiling):
@@ -138,7 +138,7 @@ class FaultInjection:
         """Inject these faults and no others, once the run has begun."""
         self._faults = faults
         if faults and self._truth is None:
-            self._truth = self._node.create_publisher(CeilingState, TRUTH, 100)
+            self._truth = self._node.create_publisher(CeilingState, _TRUTH, 100)
         if self._begin is None:
             return actuator
         since = self._begin * 1e-9
