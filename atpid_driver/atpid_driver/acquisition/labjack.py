@@ -120,11 +120,8 @@ class T7:
         return call(self._ljm, name, self._handle, *arguments)
 
 
-class LabJackAcquisition(T7, Device):
+class LabJackAcquisition(T7, Device[LabJackSettings]):
     """One T7. See Acquisition for what each call promises."""
-
-    def __init__(self, settings: LabJackSettings) -> None:
-        self._settings: LabJackSettings = settings
 
     def open(self) -> DeviceIdentity:
         """Connect over `connection` and check the serial number."""

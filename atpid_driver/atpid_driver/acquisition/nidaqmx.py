@@ -69,15 +69,12 @@ def named_errors(nidaqmx: ModuleType, where: str = "") -> Iterator[None]:
         raise kind(f"{hint} (NI-DAQmx {code})", code) from None
 
 
-class NiAcquisition(Device):
+class NiAcquisition(Device[NiSettings]):
     """One continuous task on one module. See Acquisition for what each call promises."""
 
     _nidaqmx: ModuleType
-
-    def __init__(self, settings: NiSettings) -> None:
-        self._settings: NiSettings = settings
-        self._link: Any = None
-        self._task: Any = None
+    _link: Any = None
+    _task: Any = None
 
     def open(self) -> DeviceIdentity:
         """Read the module's type and serial number, and check the latter."""

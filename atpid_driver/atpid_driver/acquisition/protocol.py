@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol, TypeVar
+from typing import Annotated, Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,17 +225,19 @@ class Acquisition(Protocol):
         """Release the device; no error if it is not open or already gone."""
 
 
-class Device:
+class Device(Generic[S]):
     """What the built-in backends share: names of channels that are sampled at once, the serial number, the indices.
 
     `_take` of the subclass waits for the next scans (n_scans, n_channels) [V] and returns them with the backlog.
     """
 
-    _settings: AcquisitionSettings
     _take: Callable[[], tuple[Volts, int]]
     close: Callable[[], None]
     _rate: float | None = None  # of the stream [Hz]; None: there is none
     _next = _dropped = 0  # index of the next scan; scans lost in this stream
+
+    def __init__(self, settings: S) -> None:
+        self._settings = settings
 
     @property
     def channels(self) -> tuple[str, ...]:

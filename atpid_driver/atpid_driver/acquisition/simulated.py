@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated device: sines on every channel."""
 
-import threading
 import time
 
 import numpy as np
@@ -12,13 +11,10 @@ from atpid_driver.acquisition.protocol import Device, DeviceIdentity, SimulatedS
 SERIAL = 1
 
 
-class SimulatedAcquisition(Device):
+class SimulatedAcquisition(Device[SimulatedSettings]):
     """Sines on every channel, an eighth of a turn apart, paced by the steady clock."""
 
-    def __init__(self, settings: SimulatedSettings) -> None:
-        self._settings: SimulatedSettings = settings
-        self._began = 0.0  # steady clock at index 0 [s]
-        self._pause = threading.Event()
+    _began = 0.0  # steady clock at index 0 [s]
 
     def open(self) -> DeviceIdentity:
         """Return the identity."""
@@ -33,7 +29,7 @@ class SimulatedAcquisition(Device):
     def _take(self) -> tuple[Volts, int]:
         settings, first = self._settings, self._next
         last = first + settings.scans_per_block
-        self._pause.wait(max(0.0, self._began + last / settings.rate - time.monotonic()))
+        time.sleep(max(0.0, self._began + last / settings.rate - time.monotonic()))
         time_s = np.arange(first, last)[:, None] / settings.rate
         phase = np.arange(len(settings.channels)) * np.pi / 4.0
         volts = settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)

@@ -62,13 +62,12 @@ class _Arrival(NamedTuple):
     number: int | None  # None: it is placed by its stamp
 
 
-class TopicAcquisition(Device):
+class TopicAcquisition(Device[TopicSettings]):
     """A driver's topic; `arrived` is called for each message, from any thread, whether or not a stream runs."""
 
-    _settings: TopicSettings
-
     def __init__(self, settings: TopicSettings) -> None:
-        self._settings = self.settings = settings
+        super().__init__(settings)
+        self.settings = settings
         self._arrivals: deque[_Arrival] = deque(maxlen=100_000)
         self._changed = threading.Condition()
         self._count, self._open = 0, False

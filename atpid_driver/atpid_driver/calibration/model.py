@@ -137,12 +137,8 @@ def si_of(calibration: Calibration, volts: Floats) -> tuple[Floats, Counts]:
 
 def block_si(calibrations: tuple[Calibration, ...], volts: Floats) -> tuple[Floats, tuple[Counts, ...]]:
     """Return (n_scans, n_channels) in SI for (n_scans, n_channels) [V] and each channel's counts."""
-    values = np.empty_like(volts)
-    counts = []
-    for column, calibration in enumerate(calibrations):
-        values[:, column], count = si_of(calibration, volts[:, column])
-        counts.append(count)
-    return values, tuple(counts)
+    pairs = [si_of(calibration, column) for calibration, column in zip(calibrations, volts.T, strict=True)]
+    return np.column_stack([values for values, _ in pairs]), tuple(counts for _, counts in pairs)
 
 
 def volts_of(calibration: Calibration, quantity: Floats) -> Floats:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check of direction and gain before a run: the ceiling moves by a known distance and back (docs/graph.md)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isnan, nan
 
 from atpid_common.vocabulary import Mode
@@ -44,13 +44,10 @@ class _Travel:
     target: float
     speed: float
     begun: float
-    _last_at_origin: float = field(init=False)
+    _last_at_origin: float = nan  # NaN: when it was commanded
     _first_between: float = nan
     _last_between: float = nan
     _first_at_target: float = nan
-
-    def __post_init__(self) -> None:
-        self._last_at_origin = self.begun
 
     def done(self, reading: Reading, now: float) -> bool:
         """Take a reading of `now` [s]; return whether the ceiling has arrived. Raises `KnownMotionError`."""
@@ -83,7 +80,8 @@ class _Travel:
         if abs(wanted) < _LEAST_TIME * self.speed:
             return  # the way back to where an interrupted motion began
         usual = (abs(wanted) - 2.0 * HEIGHT_TOLERANCE) / self.speed  # both ends left out
-        longest = (now if isnan(self._first_at_target) else self._first_at_target) - self._last_at_origin
+        left = self.begun if isnan(self._last_at_origin) else self._last_at_origin
+        longest = (now if isnan(self._first_at_target) else self._first_at_target) - left
         shortest = 0.0 if isnan(self._first_between) else self._last_between - self._first_between
         expected = f"{self.speed:g} m/s within {SPEED_TOLERANCE:.0%}"
         remedy = "measure the speed and calibrate the height sensor"
