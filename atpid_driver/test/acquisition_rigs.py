@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 from grpc_server import Server
 
+from atpid_driver.acquisition import simulated
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.protocol import Acquisition, Channel, LabJackSettings, NiSettings, SimulatedSettings
-from atpid_driver.acquisition.simulated import SERIAL as SIMULATED_SERIAL
-from atpid_driver.acquisition.simulated import SimulatedAcquisition
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.device import SERIAL
 
@@ -31,17 +30,13 @@ class Rig:
     control: Control
 
 
-def channels(first: int, prefix: str, kind: str = "voltage", count: int = 2) -> tuple[Channel, ...]:
+def channels(first: int, prefix: str, kind: Any = "voltage", count: int = 2) -> tuple[Channel, ...]:
     names = ("support_displacement", "beam_displacement", "beam_acceleration")[:count]
-    return tuple(
-        Channel.model_validate({"name": name, "terminal": f"{prefix}{first + i}", "kind": kind})
-        for i, name in enumerate(names)
-    )
+    return tuple(Channel(name=name, terminal=f"{prefix}{at}", kind=kind) for at, name in enumerate(names, first))
 
 
 @contextmanager
 def rig(backend: str, folder: Path, environment: pytest.MonkeyPatch) -> Iterator[Rig]:
-    """Set the backend up in this process."""
     name, library = ("LJM", "libLabJackM.so") if backend == "labjack" else ("DAQMX", "libnidaqmx.so")
     environment.setenv(f"ATPID_{name}_CONTROL", str(folder / "control"))
     environment.setenv(f"ATPID_{name}_SOURCE", "sine")
@@ -50,11 +45,11 @@ def rig(backend: str, folder: Path, environment: pytest.MonkeyPatch) -> Iterator
         def make(serial: int = 0) -> Acquisition:
             values: dict[str, Any] = {"serial": serial, "rate": 1280.0, "scans_per_block": 20}
             if backend == "simulated":
-                return SimulatedAcquisition(SimulatedSettings(channels=channels(0, "x"), **values))
+                return simulated.SimulatedAcquisition(SimulatedSettings(channels=channels(0, "x"), **values))
             values["library"] = str(build() / library)
             if backend == "labjack":
                 return LabJackAcquisition(LabJackSettings(channels=channels(0, "AIN"), **values))
             address = server.address if backend == "nidaqmx-grpc" else ""
             return NiAcquisition(NiSettings(channels=channels(0, "ai"), grpc=address, **values))
 
-        yield Rig(make, SIMULATED_SERIAL if backend == "simulated" else SERIAL, control)
+        yield Rig(make, simulated.SERIAL if backend == "simulated" else SERIAL, control)

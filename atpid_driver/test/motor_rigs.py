@@ -79,12 +79,10 @@ class SteppedHost:
         emulator.received()
 
     def frame(self, word: str, *arguments: int) -> bytes:
-        """Return the next request."""
         self.sequence = (self.sequence + 1) % 65536
         return encode(self.sequence, word, *arguments)
 
     def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
-        """Send bytes, advance by `seconds`, return every frame received."""
         self.emulator.send(data)
         self.emulator.drain(seconds)
         return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
@@ -95,7 +93,6 @@ class SteppedHost:
         return reply_of(answer)
 
     def accepted(self, word: str, *arguments: int, seconds: float = 0.01) -> StateReply:
-        """Return the state that answers a request."""
         reply = self.request(word, *arguments, seconds=seconds)
         assert isinstance(reply, StateReply), reply
         return reply

@@ -8,7 +8,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from atpid_common.testing import PATIENCE
-from atpid_driver.acquisition import Block, DeviceIdentity, DeviceMissingError, SetupRefusedError, StreamLostError
-from atpid_driver.acquisition.protocol import SimulatedSettings, Volts
+from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError, StreamLostError
+from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.reader import Backoff, Reader
-from atpid_driver.acquisition.simulated import SERIAL, SimulatedAcquisition
+from atpid_driver.acquisition.simulated import SimulatedAcquisition
 from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
 SETTINGS = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
@@ -91,28 +90,19 @@ def test_a_slow_taker_holds_the_device_back_but_loses_nothing_and_order_is_kept(
     assert full.reader.status.last_error == ""
 
 
-class Pluggable(SimulatedAcquisition):
-    plugged, number = True, SERIAL
+def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(
+    watch: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone() -> None:
+        raise StreamLostError("unplugged")
 
-    def open(self) -> DeviceIdentity:
-        if not self.plugged:
-            raise DeviceMissingError("not found")
-        return replace(super().open(), serial=self.number)
-
-    def _take(self) -> tuple[Volts, int]:
-        if not self.plugged:
-            raise StreamLostError("unplugged")
-        return super()._take()
-
-
-def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watching) -> None:
-    device = Pluggable(SETTINGS)
+    device = SimulatedAcquisition(SETTINGS)
     one = watch(device)
     blocks = one.blocks(3)
-    device.plugged = False
-    reasons = {one.fault(), one.fault()}
-    assert len(reasons) == 2
-    device.plugged = True
+    for name in ("open", "_take"):
+        monkeypatch.setattr(device, name, gone)
+    assert one.fault() != one.fault()
+    monkeypatch.undo()
     one.recovers()
     blocks += one.blocks(3)
     status = one.reader.status
@@ -125,12 +115,13 @@ def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watchin
     assert (status.interruptions, status.last_error) == (1, "")
     assert one.has_no_more()  # each line once, however often it was tried
     # another device in the same place is not taken
-    device.plugged, device.number = False, 77
+    for name in ("open", "_take"):
+        monkeypatch.setattr(device, name, gone)
     one.fault()
     one.fault()
-    device.plugged = True
+    monkeypatch.setattr(device, "open", lambda: DeviceIdentity("simulated", 77))
     assert {"simulated:77", "simulated:1:"} <= set(one.fault().split())
-    device.number = SERIAL
+    monkeypatch.undo()
     one.recovers()
 
 

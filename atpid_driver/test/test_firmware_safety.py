@@ -73,7 +73,6 @@ def identity(host: SteppedHost) -> IdentityReply:
 
 
 def off_by(state: StateReply, fault: MotorFault, *, homed: bool = False) -> bool:
-    """Whether the motor is off by this fault alone."""
     return (state.mode, state.homed, state.faults) == (Mode.FAULT, homed, fault)
 
 
