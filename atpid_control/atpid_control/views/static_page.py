@@ -3,15 +3,20 @@
 """A page of headings, tables and panels: self-contained HTML, light or dark by the reader's setting."""
 
 import io
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.resources import files
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING
 
+from atpid_common.files import Document
 from atpid_sim.figure_style import DARK, LIGHT, SIZE, Panels, legend_below, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -28,25 +33,31 @@ Cell = str | tuple[str, str] | Link
 
 def document(title: str, parts: Iterable[str], css: str = "") -> str:
     """Return the page: `parts` are HTML, `css` rules of this page alone."""
-    return "\n".join([
-        "<!doctype html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{colours()}{style_sheet()}{css}</style></head><body><main>",
-        *parts,
-        "</main></body></html>\n",
-    ])  # fmt: skip
-
-
-def colours() -> str:
-    """Return the colours of both schemes as CSS."""
     light, dark = ("".join(f"--{name}:{value};" for name, value in asdict(one).items()) for one in (LIGHT, DARK))
-    return f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
+    colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
+    head = (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{colours}{_shared('page.css')}{css}</style></head><body><main>"
+    )
+    return "\n".join([head, *parts, "</main></body></html>\n"])
 
 
-def style_sheet() -> str:
-    """Return the rules that all pages share."""
-    return files("atpid_control.views.report").joinpath("data", "page.css").read_text(encoding="utf-8")
+def _shared(name: str) -> str:
+    """Return a file that all pages share."""
+    return files("atpid_control.views.report").joinpath("data", name).read_text(encoding="utf-8")
+
+
+def scripts(figures: Mapping[str, Document], more: str = "") -> str:
+    """Return what draws each figure of plotly into the element of its name; `more` is run after it."""
+    from plotly.offline import get_plotlyjs  # here, since it loads slowly, and not every page has a chart
+
+    # a closing tag inside the text would end the script element
+    data = json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    return (
+        f'<script type="application/json" id="figures">{data}</script>\n'
+        f"<script>{get_plotlyjs()}</script>\n<script>{_shared('page.js')}{more}</script>"
+    )
 
 
 def table(name: str, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
@@ -85,7 +96,7 @@ def drawn(panels: Panels) -> str:
     return f'<div class="panels">{"".join(map(_drawing, chain.from_iterable(panels)))}</div>'
 
 
-def _drawing(draw: Callable[[Any], None]) -> str:
+def _drawing(draw: "Callable[[Axes], None]") -> str:
     """Return a panel as SVG whose text is text and whose colours are those of the page's scheme."""
     import matplotlib  # here, since it loads slowly, and not every page has a drawing
     from matplotlib.figure import Figure

@@ -6,13 +6,10 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 from typing import Any
-
-from plotly.offline import get_plotlyjs
 
 from atpid_campaign.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
 from atpid_campaign.campaign.plan import Campaign
@@ -20,7 +17,7 @@ from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.page import PAGE, report
-from atpid_control.views.static_page import Link, document, facts, table, warnings
+from atpid_control.views.static_page import Link, document, facts, scripts, table, warnings
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress
 
@@ -105,8 +102,6 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
     skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
                if one["status"] == SKIPPED]  # fmt: skip
     damaged = [f"point {number}: left out, damaged: {wrong}" for number, wrong in folder.damaged.items()]
-    code = json.dumps(finite(figures), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    script = files("atpid_control.views.report").joinpath("data", "page.js").read_text(encoding="utf-8")
     about = {
         "stand": campaign.stand, "points": f"{len(rows)} measured, {len(skipped)} skipped",
         "agreement": f"{agreeing(rows)} of {len(rows)} within {AGREE:g} standard deviations of simulation",
@@ -123,8 +118,7 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
         '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
         "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
         table("Every point", ("point", f"excitation [{unit}]", *_HEADS), (_row(row, unit) for row in rows)),
-        f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',
-        f"<script>{script}{_CLICK}</script>",
+        scripts(finite(figures), _CLICK),
     ])  # fmt: skip
 
 
