@@ -81,7 +81,6 @@ class DeviceClock:
         self._offset = min(self._offset, late - self._drift * device_s)
 
     def _fit(self) -> None:
-        """Lay the line under what is there."""
         if len(self._least) < _FIRST:
             return
         at, late = np.array(self._least).T

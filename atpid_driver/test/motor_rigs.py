@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor's tests share: the emulated board, a scripted port, and waiting for events."""
+"""What the motor's tests share: the emulated board, its host in simulated time, and waiting for events."""
 
 import os
 import re
@@ -16,6 +16,7 @@ from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
+from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of
 from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
@@ -23,8 +24,7 @@ SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, 
 
 def need_emulator() -> None:
     """Skip a test, with the reason, where the AVR tools are missing; in CI that is a failure."""
-    missing = missing_tools()
-    if missing:
+    if missing := missing_tools():
         text = f"left out: the real firmware on the emulated board; missing {', '.join(missing)}: {PACKAGES}"
         (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(text)
 
@@ -67,3 +67,52 @@ def arm(actuator: CeilingActuator) -> None:
 
     actuator.activate(time.monotonic_ns())
     wait_for(ready, "armed and homed", state=lambda: str(actuator.read(time.monotonic_ns())))
+
+
+class SteppedHost:
+    """Sends requests to the board and steps simulated time; there is no port and no thread."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        self.emulator, self.sequence = emulator, 0
+        emulator.do("unplug")
+        emulator.run(0.05)  # it starts
+        emulator.received()
+
+    def frame(self, word: str, *arguments: int) -> bytes:
+        self.sequence = (self.sequence + 1) % 65536
+        return encode(self.sequence, word, *arguments)
+
+    def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
+        self.emulator.send(data)
+        self.emulator.drain(seconds)
+        return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
+
+    def request(self, word: str, *arguments: int, seconds: float = 0.01) -> Reply:
+        (answer,) = self.answers(self.frame(word, *arguments), seconds)
+        assert answer.sequence == self.sequence
+        return reply_of(answer)
+
+    def accepted(self, word: str, *arguments: int, seconds: float = 0.01) -> StateReply:
+        reply = self.request(word, *arguments, seconds=seconds)
+        assert isinstance(reply, StateReply), reply
+        return reply
+
+    def state(self) -> StateReply:
+        return self.accepted("STATE")
+
+    def beat(self, seconds: float) -> StateReply:
+        """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
+        for _ in range(max(1, round(seconds / 0.1))):
+            state = self.accepted("BEAT", seconds=0.1)
+        return state
+
+    def home(self) -> None:
+        for word in ("ID", "ARM", "HOME"):
+            self.request(word)
+
+    def make_ready(self) -> StateReply:
+        self.home()
+        for _ in range(100):
+            if (state := self.beat(0.1)).homed:
+                return state
+        pytest.fail(f"homing did not end: {state}")

@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from atpid_common.testing import PATIENCE
-from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
+from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError, StreamLostError
 from atpid_driver.acquisition.protocol import SimulatedSettings
 from atpid_driver.acquisition.reader import Backoff, Reader
-from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
+from atpid_driver.acquisition.simulated import SimulatedAcquisition
 from atpid_driver.clock import TIME_BASE, DeviceClock, time_base_ns
 
 SETTINGS = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
@@ -90,14 +90,19 @@ def test_a_slow_taker_holds_the_device_back_but_loses_nothing_and_order_is_kept(
     assert full.reader.status.last_error == ""
 
 
-def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watching) -> None:
-    faults = Faults()
-    one = watch(SimulatedAcquisition(SETTINGS, faults))
+def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(
+    watch: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone() -> None:
+        raise StreamLostError("unplugged")
+
+    device = SimulatedAcquisition(SETTINGS)
+    one = watch(device)
     blocks = one.blocks(3)
-    faults.plugged = False
-    reasons = {one.fault(), one.fault()}
-    assert len(reasons) == 2
-    faults.plugged = True
+    for name in ("open", "_take"):
+        monkeypatch.setattr(device, name, gone)
+    assert one.fault() != one.fault()
+    monkeypatch.undo()
     one.recovers()
     blocks += one.blocks(3)
     status = one.reader.status
@@ -110,12 +115,13 @@ def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(watch: Watchin
     assert (status.interruptions, status.last_error) == (1, "")
     assert one.has_no_more()  # each line once, however often it was tried
     # another device in the same place is not taken
-    faults.plugged, faults.serial = False, 77
+    for name in ("open", "_take"):
+        monkeypatch.setattr(device, name, gone)
     one.fault()
     one.fault()
-    faults.plugged = True
+    monkeypatch.setattr(device, "open", lambda: DeviceIdentity("simulated", 77))
     assert {"simulated:77", "simulated:1:"} <= set(one.fault().split())
-    faults.serial = 1
+    monkeypatch.undo()
     one.recovers()
 
 

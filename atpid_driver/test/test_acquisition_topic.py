@@ -96,17 +96,19 @@ def test_the_earliest_arrivals_give_the_line(seed: int, rate: float, late: float
     assert -0.5 / rate < offset - 5.0 < (1.0 + late) / rate
 
 
-def test_messages_with_and_without_stamps_end_the_stream(soon_measured: None) -> None:
+def test_what_comes_twice_is_counted_and_messages_with_and_without_stamps_end_the_stream(soon_measured: None) -> None:
     device = acquisition(channels=CHANNELS[:1])
 
     def publish(index: int) -> None:
         stamp = None if index % 300 == 299 else 10**18 + round(index / RATE * 1e9)
-        device.arrived(np.array([[float(index)]]), stamp, None)
+        for _ in range(1 + (index % 10 == 0)):
+            device.arrived(np.array([[float(index)]]), stamp, None)
 
     with publishing(publish):
         device.start()
         with pytest.raises(StreamLostError, match=r"imu/data.*stamps"):
             list(iter(device.read, None))
+    assert device.late
 
 
 @pytest.fixture

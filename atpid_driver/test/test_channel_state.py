@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_common.channel_monitor import ChannelState
-from atpid_driver.calibration.channel_state import Floats, Thresholds, VoltageMonitor
-from atpid_driver.calibration.model import Calibration, load, si_of
+from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
+from atpid_driver.calibration.model import Calibration, Floats, load, si_of
 
 RATE, BLOCK = 1000.0, 50
 LASER = load(Path(__file__).parents[1] / "config" / "calibration" / "laser_support.yaml")  # 1 to 5 V, 75 mm/V

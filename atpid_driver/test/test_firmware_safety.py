@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
-from motor_rigs import board, need_emulator
+from motor_rigs import SteppedHost, board, need_emulator
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.vocabulary import Mode
-from atpid_driver.emulator.emulator import EEPROM_SIZE, Emulator, EmulatorError, SteppedHost
+from atpid_driver.emulator.emulator import EEPROM_SIZE, Emulator, EmulatorError
 from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16, encode
 
@@ -66,26 +66,13 @@ def standing(shared: SteppedHost) -> SteppedHost:
     return shared
 
 
-def accepted(host: SteppedHost, word: str, *arguments: int) -> StateReply:
-    """Return the state that answers a request."""
-    reply = host.request(word, *arguments)
-    assert isinstance(reply, StateReply), reply
-    return reply
-
-
 def identity(host: SteppedHost) -> IdentityReply:
     reply = host.request("ID")
     assert isinstance(reply, IdentityReply), reply
     return reply
 
 
-def home(host: SteppedHost) -> None:
-    for word in ("ID", "ARM", "HOME"):
-        host.request(word)
-
-
 def off_by(state: StateReply, fault: MotorFault, *, homed: bool = False) -> bool:
-    """Whether the motor is off by this fault alone."""
     return (state.mode, state.homed, state.faults) == (Mode.FAULT, homed, fault)
 
 
@@ -221,7 +208,7 @@ def test_lost_heartbeat_switches_off_within_500_ms(moving: SteppedHost) -> None:
     assert moving.request("MOVE", MIDDLE) == Refusal("FAULT")
     moving.beat(0.2)
     assert stands_still(moving)
-    armed = accepted(moving, "ARM")
+    armed = moving.accepted("ARM")
     assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, True, MotorFault(0))
     assert stands_still(moving)
 
@@ -276,7 +263,7 @@ def test_breaking_in_motion(moving: SteppedHost, name: str, value: str | int, fa
         assert fault in moving.state().faults
     moving.emulator.set(name, "ok" if isinstance(value, str) else 0)
     moving.beat(0.1)
-    armed = accepted(moving, "ARM")
+    armed = moving.accepted("ARM")
     assert (armed.mode, armed.faults) == (Mode.HOLDING, MotorFault(0))
     assert armed.homed is (name not in ("sensor", "swapped"))
 
@@ -324,14 +311,14 @@ def test_a_welded_upper_switch_ends_at_the_mechanical_end_or_where_the_switch_ca
 ) -> None:
     host.emulator.set("upper", "closed")
     host.emulator.set("slip", slip)
-    home(host)
+    host.home()
     assert off_by(host.beat(0.6), fault)
 
 
 @pytest.mark.parametrize("early", [True, False])
 def test_an_upper_switch_that_does_not_close_again_ends_homing_within_30_mm(host: SteppedHost, early: bool) -> None:
     """As one does that opens too early, before homing has come to its place."""
-    home(host)
+    host.home()
     while not early and host.emulator.state().motor != -1:
         host.request("BEAT")
     host.emulator.set("upper", "open")
@@ -343,7 +330,7 @@ def test_an_upper_switch_that_does_not_close_again_ends_homing_within_30_mm(host
 @pytest.mark.parametrize("slip", [-24_500, 24_500])
 def test_homing_refuses_a_switch_in_the_wrong_place(host: SteppedHost, slip: int) -> None:
     host.emulator.set("slip", slip)
-    home(host)
+    host.home()
     assert off_by(host.beat(0.5), MotorFault.HOMING)
 
 
@@ -392,7 +379,7 @@ def test_the_watchdog_sees_a_firmware_that_hangs_wherever_it_was(ready: SteppedH
     for instant in range(60 if LONG else 12):
         ready.emulator.set("height", MIDDLE)
         ready.emulator.run(0.01)
-        home(ready)
+        ready.home()
         ready.emulator.run(0.06 + 0.00029 * instant)  # it begins with the pause of a reversal
         assert ready.emulator.state().motor == 1
         ready.emulator.do(hang)
@@ -418,7 +405,7 @@ def test_a_watchdog_restart_stays_latched_over_further_restarts_until_it_is_arme
     restart(moving, *again, *again)
     assert identity(moving).reset_cause != "WATCHDOG"
     assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, MotorFault.WATCHDOG)
-    armed = accepted(moving, "ARM")
+    armed = moving.accepted("ARM")
     assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, False, MotorFault(0))
     restart(moving, *again)
     moving.request("ID")
@@ -431,10 +418,10 @@ def test_a_ceiling_pushed_just_outside_its_limits_holds_a_target_inside_them(rea
     ready.request("DISARM")
     ready.emulator.set("slip", 3_000)  # less than a fault
     ready.emulator.run(0.05)
-    state = accepted(ready, "ARM")
+    state = ready.accepted("ARM")
     assert state.height > 1.0015
     assert (state.mode, state.target) == (Mode.HOLDING, 1.0)
-    assert accepted(ready, "STOP").target == 1.0
+    assert ready.accepted("STOP").target == 1.0
     assert stands_still(ready)
 
 
@@ -498,14 +485,8 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("run", ["", "11400000 99", STORM])  # the second once left a target outside the limits
 def test_every_rule_holds_for_random_requests_and_faults(build: Path, run: str) -> None:
     """Under the compiler's address and undefined-behaviour checks."""
-    command = [
-        "make",
-        "-C",
-        str(Path(__file__).resolve().parents[1] / "firmware"),
-        "check",
-        f"BUILD={build}",
-        f"RUN={run}",
-    ]
+    firmware = Path(__file__).resolve().parents[1] / "firmware"
+    command = ["make", "-C", str(firmware), "check", f"BUILD={build}", f"RUN={run}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     last = done.stdout.splitlines()[-2 if "Leaving" in done.stdout else -1]

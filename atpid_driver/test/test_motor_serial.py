@@ -122,7 +122,7 @@ def test_connected_it_is_disarmed_and_does_not_move(rig: Rig) -> None:
     assert rig.read().mode is Mode.UNCONFIGURED
     with pytest.raises(NotReadyError):
         rig.move(0.5)
-    assert rig.actuator.connect(time.monotonic_ns()).name
+    assert rig.actuator.connect(time.monotonic_ns())
     reading = rig.read()
     assert (reading.mode, reading.homed, reading.velocity) == (Mode.DISARMED, False, 0.0)
     with pytest.raises(NotReadyError):

@@ -98,7 +98,7 @@ def test_does_not_move_before_it_is_activated_nor_after_it_is_deactivated() -> N
     assert state.height == pytest.approx(0.35, abs=1e-15)
     ceiling.close()
     assert ceiling.read(5 * SECOND).mode is Mode.UNCONFIGURED
-    assert ceiling.connect(5 * SECOND).name
+    assert ceiling.connect(5 * SECOND)
     assert ceiling.read(5 * SECOND).mode is Mode.DISARMED
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 from hypothesis import settings as current_settings
-from motor_rigs import arm, board, need_emulator, settings
+from motor_rigs import SteppedHost, arm, board, need_emulator, settings
 from stops_on_a_line import Noise
 
 from atpid_common.injected_faults import KINDS, Injected
@@ -24,7 +24,6 @@ from atpid_common.testing import repeated_after_a_halt, wait_for
 from atpid_common.vocabulary import Mode
 from atpid_driver import DriverError
 from atpid_driver.emulator import Emulator, build_firmware
-from atpid_driver.emulator.emulator import SteppedHost
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
 from atpid_driver.motor.faults import MotorFault, ProtocolError, StopNotConfirmedError
 from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, SEQUENCES, Refusal, StateReply, decode, encode, reply_of

@@ -11,6 +11,7 @@ import ctypes
 import importlib
 import io
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,16 @@ from atpid_common.errors import extras
 from atpid_driver.acquisition import protocol
 from atpid_driver.acquisition.protocol import Device, DeviceIdentity, LabJackSettings, Volts
 
-DUMMY_VOLTS = -9999.0
-BUFFER_BYTES = 32768
+_DUMMY_VOLTS = -9999.0
+_BUFFER_BYTES = 32768
 STOPPED_ALREADY = frozenset({1225, 1303, 2620})  # not initialised, not running, not enabled: it is stopped
-GONE = frozenset({1223, 1224, 1239})
+_GONE = frozenset({1223, 1224, 1239})
 
-MISSING_LIBRARY = (
+_MISSING_LIBRARY = (
     "LabJack's library libLabJackM.so is not installed: install LJM from labjack.com (Software, LJM installer for "
     "Linux), or set `library` to its path"
 )
-HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
+_HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
     1227: (protocol.DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
     1230: (protocol.DeviceMissingError, "another program holds the T7: close it"),
     1239: (protocol.StreamLostError, "the T7 was unplugged or lost power"),
@@ -47,7 +48,7 @@ HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
 }
 
 
-def load_ljm(path: str = "") -> Any:
+def load_ljm(path: str = "") -> ModuleType:
     """Return the module `labjack.ljm.ljm` with its library loaded; LibraryMissingError otherwise.
 
     The package looks once, while it is imported, and only prints a line where it finds nothing, so a library that was
@@ -57,12 +58,12 @@ def load_ljm(path: str = "") -> Any:
         if path:
             ctypes.CDLL(path)
         with contextlib.redirect_stdout(io.StringIO()), extras("LabJack", protocol.LibraryMissingError):
-            module: Any = importlib.import_module("labjack.ljm.ljm")
+            module = importlib.import_module("labjack.ljm.ljm")
         if module._staticLib is None:
-            module._staticLib = ctypes.CDLL("libLabJackM.so")
+            vars(module)["_staticLib"] = ctypes.CDLL("libLabJackM.so")
     except OSError as error:
         detail = f" (tried {path!r}: {error})" if path else ""
-        raise protocol.LibraryMissingError(MISSING_LIBRARY + detail) from None
+        raise protocol.LibraryMissingError(_MISSING_LIBRARY + detail) from None
     return module
 
 
@@ -72,19 +73,19 @@ def skew_s(rate: float, channels: int) -> tuple[float, ...]:
     return tuple(step * position for position in range(channels))
 
 
-def call(ljm: Any, name: str, *arguments: object) -> Any:
+def call(ljm: ModuleType, name: str, *arguments: object) -> Any:
     """Call LJM; raise its errors as an AcquisitionError: one line, the code, what to do."""
     try:
         return getattr(ljm, name)(*arguments)
     except ljm.LJMError as error:
-        kind, hint = HINTS.get(error.errorCode, (protocol.StreamLostError, "see LabJack's list of LJM error codes"))
+        kind, hint = _HINTS.get(error.errorCode, (protocol.StreamLostError, "see LabJack's list of LJM error codes"))
         raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None
 
 
 class T7:
     """A T7 through LJM: what those that read it and those that write to it share."""
 
-    _ljm: Any = None
+    _ljm: ModuleType
     _handle: int | None = None
     close: Callable[[], None]
 
@@ -119,11 +120,8 @@ class T7:
         return call(self._ljm, name, self._handle, *arguments)
 
 
-class LabJackAcquisition(T7, Device):
+class LabJackAcquisition(T7, Device[LabJackSettings]):
     """One T7. See Acquisition for what each call promises."""
-
-    def __init__(self, settings: LabJackSettings) -> None:
-        self._settings: LabJackSettings = settings
 
     def open(self) -> DeviceIdentity:
         """Connect over `connection` and check the serial number."""
@@ -148,7 +146,7 @@ class LabJackAcquisition(T7, Device):
         """Wait in LJM, which a read error stops; -9999 V becomes NaN and is counted."""
         data, device_backlog, host_backlog = self._call("eStreamRead")
         volts = np.array(data, dtype=np.float64).reshape(-1, len(self._settings.channels))
-        lost = volts == DUMMY_VOLTS
+        lost = volts == _DUMMY_VOLTS
         if lost.any():
             volts[lost] = np.nan
             self._dropped += int(lost.any(axis=1).sum())
@@ -157,12 +155,12 @@ class LabJackAcquisition(T7, Device):
     def stop(self) -> None:
         """Stop the stream; a stream that stopped by itself, or a device that is gone, is stopped too."""
         self._rate = None
-        self._call_ignoring(STOPPED_ALREADY | GONE, "eStreamStop")
+        self._call_ignoring(STOPPED_ALREADY | _GONE, "eStreamStop")
 
     def close(self) -> None:
         """Close the handle."""
         self._rate = None
-        self._call_ignoring(GONE | STOPPED_ALREADY, "close")
+        self._call_ignoring(_GONE | STOPPED_ALREADY, "close")
         self._handle = None
 
     def _configure(self) -> None:
@@ -172,7 +170,7 @@ class LabJackAcquisition(T7, Device):
             "AIN_ALL_NEGATIVE_CH": 199.0,  # against ground
             "STREAM_SETTLING_US": settings.settling_us,
             "STREAM_RESOLUTION_INDEX": float(settings.resolution_index),
-            "STREAM_BUFFER_SIZE_BYTES": float(BUFFER_BYTES),
+            "STREAM_BUFFER_SIZE_BYTES": float(_BUFFER_BYTES),
             "STREAM_TRIGGER_INDEX": 0.0,
             "STREAM_CLOCK_SOURCE": 0.0,
         }

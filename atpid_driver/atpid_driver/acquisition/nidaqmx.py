@@ -9,6 +9,7 @@ sensitivity belongs to its calibration file, in one place (docs/decisions/0019-a
 import importlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,15 @@ from atpid_common.errors import extras
 from atpid_driver.acquisition import protocol
 from atpid_driver.acquisition.protocol import Channel, Device, DeviceIdentity, NiSettings, Volts
 
-BUFFER_SECONDS = 10.0
-READ_TIMEOUT = 2.0
-ONE_VOLT_PER_G = 1000.0  # [mV/g]
+_BUFFER_SECONDS = 10.0
+_READ_TIMEOUT = 2.0
+_ONE_VOLT_PER_G = 1000.0  # [mV/g]
 
-MISSING_RUNTIME = (
+_MISSING_RUNTIME = (
     "NI-DAQmx is not installed: install the NI-DAQmx driver from ni.com (`python -m nidaqmx installdriver`), set "
     "`library` to the path of libnidaqmx.so, or set `grpc` to the PC that has the hardware"
 )
-HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
+_HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
     -200279: (protocol.StreamLostError, "the computer fell behind and samples were overwritten"),
     -200284: (protocol.StreamLostError, "the module sends no samples"),
     -200088: (protocol.StreamLostError, "the task does not exist any more"),
@@ -40,24 +41,23 @@ HINTS: dict[int, tuple[type[protocol.AcquisitionError], str]] = {
 }
 
 
-def load_nidaqmx(path: str = "") -> Any:
+def load_nidaqmx(path: str = "") -> ModuleType:
     """Return the package `nidaqmx`; with `path`, it loads NI's library from there instead of searching."""
     with extras("NI module", protocol.LibraryMissingError):
         package = importlib.import_module("nidaqmx")
     if path:
-        loader: Any = importlib.import_module("nidaqmx._lib")
-        loader.find_library = lambda _name: path
+        vars(importlib.import_module("nidaqmx._lib"))["find_library"] = lambda _name: path
     return package
 
 
 @contextmanager
-def named_errors(nidaqmx: Any, where: str = "") -> Iterator[None]:
+def named_errors(nidaqmx: ModuleType, where: str = "") -> Iterator[None]:
     """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do; where: the gRPC server asked."""
     theirs = nidaqmx.errors
     try:
         yield
     except theirs.DaqNotFoundError:
-        raise protocol.LibraryMissingError(MISSING_RUNTIME) from None
+        raise protocol.LibraryMissingError(_MISSING_RUNTIME) from None
     except theirs.RpcError as error:
         raise protocol.DeviceMissingError(
             f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
@@ -65,26 +65,23 @@ def named_errors(nidaqmx: Any, where: str = "") -> Iterator[None]:
     except theirs.DaqError as error:
         code = int(error.error_code)
         text = str(error).splitlines()[0]
-        kind, hint = HINTS.get(code, (protocol.StreamLostError, text))
+        kind, hint = _HINTS.get(code, (protocol.StreamLostError, text))
         raise kind(f"{hint} (NI-DAQmx {code})", code) from None
 
 
-class NiAcquisition(Device):
+class NiAcquisition(Device[NiSettings]):
     """One continuous task on one module. See Acquisition for what each call promises."""
 
-    def __init__(self, settings: NiSettings) -> None:
-        self._settings: NiSettings = settings
-        self._nidaqmx: Any = None
-        self._link: Any = None
-        self._task: Any = None
-        self._reader: Any = None
+    _nidaqmx: ModuleType
+    _link: Any = None
+    _task: Any = None
 
     def open(self) -> DeviceIdentity:
         """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
         with self._named_errors():
-            system: Any = importlib.import_module("nidaqmx.system")
+            system = importlib.import_module("nidaqmx.system")
             device = system.Device(settings.device, grpc_options=self._options())
             model, serial = device.product_type, int(device.serial_num)
         self._check_serial(f"{settings.device} is a {model} with", serial)
@@ -95,14 +92,14 @@ class NiAcquisition(Device):
         self.stop()
         settings = self._settings
         with self._named_errors():
-            readers: Any = importlib.import_module("nidaqmx.stream_readers")
+            readers = importlib.import_module("nidaqmx.stream_readers")
             self._task = self._nidaqmx.Task(grpc_options=self._options())
             for channel in settings.channels:
                 self._add(channel)
             self._task.timing.cfg_samp_clk_timing(
                 settings.rate,
                 sample_mode=self._nidaqmx.constants.AcquisitionType.CONTINUOUS,
-                samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
+                samps_per_chan=max(int(_BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
             )
             self._task.start()
             self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
@@ -114,7 +111,7 @@ class NiAcquisition(Device):
         scans = self._settings.scans_per_block
         columns = np.empty((len(self._settings.channels), scans))
         with self._named_errors():
-            self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
+            self._reader.read_many_sample(columns, scans, _READ_TIMEOUT + 2.0 * scans / self._settings.rate)
             return np.ascontiguousarray(columns.T), int(self._task.in_stream.avail_samp_per_chan)
 
     def stop(self) -> None:
@@ -135,7 +132,7 @@ class NiAcquisition(Device):
             self._link.close()
             self._link = None
 
-    def _options(self) -> Any:
+    def _options(self) -> object:
         """Return fresh gRPC options for one task, or None for the local library."""
         if not self._settings.grpc:
             return None
@@ -156,7 +153,7 @@ class NiAcquisition(Device):
         self._task.ai_channels.add_ai_accel_chan(
             terminal,
             units=constants.AccelUnits.G,
-            sensitivity=ONE_VOLT_PER_G,
+            sensitivity=_ONE_VOLT_PER_G,
             sensitivity_units=constants.AccelSensitivityUnits.MILLIVOLTS_PER_G,
             current_excit_source=constants.ExcitationSource.INTERNAL,
             current_excit_val=settings.excitation_current,

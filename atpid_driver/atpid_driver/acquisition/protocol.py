@@ -8,13 +8,14 @@ backend: `setting` gives it description and unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.files import Document
 from atpid_common.parameters import problem_of, setting
 from atpid_driver import DriverError
 
@@ -55,7 +56,9 @@ class SetupRefusedError(AcquisitionError):
     retry = False
 
 
-T7_RANGES = (10.0, 1.0, 0.1, 0.01)
+_T7_RANGES = (10.0, 1.0, 0.1, 0.01)
+
+S = TypeVar("S", bound="AcquisitionSettings")
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,8 @@ class LabJackSettings(AcquisitionSettings):
     def __post_init__(self) -> None:
         """Raise SetupRefusedError for a range that a T7 does not have, too."""
         super().__post_init__()
-        if self.voltage_range not in T7_RANGES:
-            ranges = ", ".join(f"{one:g}" for one in T7_RANGES)
+        if self.voltage_range not in _T7_RANGES:
+            ranges = ", ".join(f"{one:g}" for one in _T7_RANGES)
             raise SetupRefusedError(f"voltage_range: given {self.voltage_range:g} V; allowed: a T7's {ranges} V")
 
 
@@ -140,7 +143,7 @@ class NiSettings(AcquisitionSettings):
             raise SetupRefusedError("device: given nothing; allowed: the module's name in NI MAX")
 
 
-def wired(values: Mapping[str, Any]) -> dict[str, Any]:
+def wired(values: Document) -> Document:
     """Return `channels` and `scans_per_block` as a backend takes them, of the parameters of an acquisition node.
 
     Raises SetupRefusedError.
@@ -222,17 +225,19 @@ class Acquisition(Protocol):
         """Release the device; no error if it is not open or already gone."""
 
 
-class Device:
+class Device(Generic[S]):
     """What the built-in backends share: names of channels that are sampled at once, the serial number, the indices.
 
     `_take` of the subclass waits for the next scans (n_scans, n_channels) [V] and returns them with the backlog.
     """
 
-    _settings: AcquisitionSettings
     _take: Callable[[], tuple[Volts, int]]
     close: Callable[[], None]
     _rate: float | None = None  # of the stream [Hz]; None: there is none
     _next = _dropped = 0  # index of the next scan; scans lost in this stream
+
+    def __init__(self, settings: S) -> None:
+        self._settings = settings
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from atpid_driver.acquisition.protocol import (
 from atpid_driver.clock import DeviceClock
 
 log = logging.getLogger("atpid_driver.acquisition")
-RATE_TOLERANCE = 1e-9
+_RATE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Reader:
         """Start the stream; where its index 0 lies on the clock shows with its first block."""
         rate = self._device.start()
         self._started = time.monotonic()
-        if self.rate is not None and abs(rate / self.rate - 1.0) > RATE_TOLERANCE:
+        if self.rate is not None and abs(rate / self.rate - 1.0) > _RATE_TOLERANCE:
             raise StreamLostError(f"the stream came back at {rate:g} Hz, it ran at {self.rate:g} Hz")
         self._clock = DeviceClock(self._started)
         self._update(rate=rate)

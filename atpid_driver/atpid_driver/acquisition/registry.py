@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Backends by name: those built in, and those that installed distributions declare as entry points of `GROUP`.
+"""Backends by name: those built in, and those that installed distributions declare as entry points of `_GROUP`.
 
 A vendor's package is imported when a device is opened, not before (docs/extend.md).
 """
@@ -8,8 +8,9 @@ A vendor's package is imported when a device is opened, not before (docs/extend.
 from collections.abc import Callable
 from dataclasses import fields
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from atpid_common.files import Document
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.protocol import (
@@ -24,14 +25,14 @@ from atpid_driver.acquisition.simulated import SimulatedAcquisition
 from atpid_driver.acquisition.topic import TopicAcquisition, TopicSettings
 
 #: Group of the entry points that add backends; the name of an entry point is the name of its backend.
-GROUP = "atpid.acquisition"
+_GROUP = "atpid.acquisition"
 
 
 class Backend(NamedTuple):
     """What makes a device: the class of its settings, and a function of such settings that returns it unopened."""
 
     settings: type[AcquisitionSettings]
-    make: Callable[[Any], Acquisition]
+    make: Callable[..., Acquisition]
 
 
 BUILT_IN = {
@@ -44,12 +45,12 @@ BUILT_IN = {
 
 def names() -> tuple[str, ...]:
     """Return the names of all backends, those of entry points after the built-in ones; none is imported."""
-    return (*BUILT_IN, *sorted({entry.name for entry in entry_points(group=GROUP)} - BUILT_IN.keys()))
+    return (*BUILT_IN, *sorted({entry.name for entry in entry_points(group=_GROUP)} - BUILT_IN.keys()))
 
 
 def backend(name: str) -> Backend:
     """Return a backend. Raises SetupRefusedError: there is none of this name, several, or it cannot be loaded."""
-    found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
+    found = {entry.value: entry for entry in entry_points(group=_GROUP, name=name)}
     if len(found) + (name in BUILT_IN) > 1:
         places = ", ".join(["the built-in one"] * (name in BUILT_IN) + [_place(entry) for entry in found.values()])
         raise SetupRefusedError(f"backend {name!r} exists more than once: {places}; rename or uninstall one")
@@ -84,5 +85,5 @@ def _place(entry: EntryPoint) -> str:
 def create(name: str, values: dict[str, object]) -> Acquisition:
     """Return the named backend set up with `values`, keys it does not have left out; SetupRefusedError otherwise."""
     model, make = backend(name)
-    known: dict[str, Any] = {one.name: values[one.name] for one in fields(model) if one.name in values}
+    known: Document = {one.name: values[one.name] for one in fields(model) if one.name in values}
     return make(model(**known))

@@ -11,10 +11,9 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.parameters import setting
 from atpid_driver.acquisition.protocol import (
@@ -55,7 +54,7 @@ class TopicSettings(AcquisitionSettings):
             raise SetupRefusedError("source: given nothing; give the topic of the driver, such as /imu/data")
 
 
-class Arrival(NamedTuple):
+class _Arrival(NamedTuple):
     """One message."""
 
     values: Volts  # its scans (k, channels)
@@ -63,15 +62,16 @@ class Arrival(NamedTuple):
     number: int | None  # None: it is placed by its stamp
 
 
-class TopicAcquisition(Device):
+class TopicAcquisition(Device[TopicSettings]):
     """A driver's topic; `arrived` is called for each message, from any thread, whether or not a stream runs."""
 
     def __init__(self, settings: TopicSettings) -> None:
-        self._settings: TopicSettings = settings
+        super().__init__(settings)
         self.settings = settings
-        self._arrivals: deque[Arrival] = deque(maxlen=100_000)
+        self._arrivals: deque[_Arrival] = deque(maxlen=100_000)
         self._changed = threading.Condition()
         self._count, self._open = 0, False
+        self.late = 0  # scans that came twice, or after they were given up
         self.start_ns: int | None = None  # by the driver's stamps, at index 0 [ns since the epoch]; None: it has none
         self._measured: float | None = None  # rate of the first stream [Hz]
 
@@ -79,9 +79,9 @@ class TopicAcquisition(Device):
         """Take the scans (k, channels) of a message, its stamp [ns] and its number, where it has them."""
         with self._changed:
             if stamp_ns is None:
-                one = Arrival(values, time.monotonic_ns(), self._count if number is None else number)
+                one = _Arrival(values, time.monotonic_ns(), self._count if number is None else number)
             else:
-                one = Arrival(values, stamp_ns, None)
+                one = _Arrival(values, stamp_ns, None)
             self._count += 1
             self._arrivals.append(one)
             self._changed.notify_all()
@@ -96,7 +96,7 @@ class TopicAcquisition(Device):
         with self._changed:
             self._arrivals.clear()
             self._open = True
-        seen: list[Arrival] = []
+        seen: list[_Arrival] = []
         for _ in range(_TIMES):
             began = time.monotonic()
             while len(seen) < _MEASURED or time.monotonic() < began + _MEASURED_S:
@@ -109,7 +109,7 @@ class TopicAcquisition(Device):
             self._check_rate(rate, _ABOUT)  # no delay is so large
         self._check_rate(rate, _RATE_OFF)
         self._measured = rate if self._measured is None else self._measured
-        self._scans, self._rows = scans, dict[int, Any]()
+        self._scans, self._rows = scans, dict[int, Volts]()
         zero = int(places.max()) + 1  # the place of index 0, in messages after the first one seen
         self._zero = zero + (first.number or 0)
         at_ns = first.time_ns + round((offset + slope * zero) * 1e9)
@@ -118,7 +118,7 @@ class TopicAcquisition(Device):
         self._reached: float | None = None
         return self._started(self._measured)
 
-    def _line(self, seen: list[Arrival]) -> tuple[NDArray[np.float64], float, float]:
+    def _line(self, seen: list[_Arrival]) -> tuple[Volts, float, float]:
         """Return the places of messages (n,) after the first, and slope and offset of their times over these [s]."""
         scans, first = len(seen[-1].values), seen[0]
         times = np.array([one.time_ns - first.time_ns for one in seen]) * 1e-9
@@ -137,7 +137,7 @@ class TopicAcquisition(Device):
                 f"{100 * _RATE_OFF:g} %"
             )
 
-    def _next_arrival(self, until: float | None = None) -> Arrival:
+    def _next_arrival(self, until: float | None = None) -> _Arrival:
         """Wait for a message; raise StreamLostError where none comes. Raises TimeoutError at `until` [s, steady]."""
         limit = time.monotonic() + self._settings.silence
         with self._changed:
@@ -175,7 +175,7 @@ class TopicAcquisition(Device):
         self._reached = time.monotonic() if beyond >= due[-1] + size else None
         return volts, len(self._rows) + len(self._arrivals)
 
-    def _place(self, one: Arrival, last: int) -> None:
+    def _place(self, one: _Arrival, last: int) -> None:
         """Put the scans of a message where they belong. Raises StreamLostError: its stamp, or its size, is another."""
         source = self._settings.source
         if len(one.values) != self._scans:
@@ -197,8 +197,10 @@ class TopicAcquisition(Device):
             place = one.number - self._zero
         first = place * self._scans
         for index, row in enumerate(one.values, first):
-            if index >= self._next:
-                self._rows.setdefault(index, row)  # of one that came twice the first counts
+            if index >= self._next and index not in self._rows:
+                self._rows[index] = row
+            else:
+                self.late += index >= 0
         if self._reached is None and first + self._scans > last:
             self._reached = time.monotonic()
 

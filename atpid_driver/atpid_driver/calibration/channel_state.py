@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.channel_monitor import ChannelMonitor, ChannelState, Finding
-from atpid_driver.calibration.model import Calibration, Counts
-
-Floats = NDArray[np.float64]
+from atpid_driver.calibration.model import Calibration, Counts, Floats
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     with output.writing(picture, "--picture"):
         draw(result, calibration, picture)
     print(table(result, calibration.unit))
-    if hint := curvature_hint(result):
+    if hint := _curvature_hint(result):
         print(hint)
     print(f"calibration {out}\npicture     {picture}")
     return 0
@@ -92,7 +92,7 @@ def calibration_of(result: Fit, arguments: argparse.Namespace) -> Calibration:
         raise CalibrationError(f"{arguments.readings}: {error.errors()[0]['msg']}") from None
 
 
-def curvature_hint(result: Fit) -> str:
+def _curvature_hint(result: Fit) -> str:
     """Return a hint where one degree more explains the residuals (by four standard deviations); empty otherwise."""
     degree = len(result.coefficients)
     if degree > 5 or len(np.unique(result.positions)) < degree + 2:

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval, polyvander
-from numpy.typing import NDArray
 
 from atpid_common.files import FileError, read_text
-from atpid_driver.calibration.model import Calibration, CalibrationError
+from atpid_driver.calibration.model import Calibration, CalibrationError, Floats
 
-Floats = NDArray[np.float64]
 COLUMNS = ("position", "volts")
 LARGEST = 1e9  # beyond it a reading is none, and its square may be no number
-MOST_BYTES = 10_000_000  # some 300 000 readings
+_MOST_BYTES = 10_000_000  # some 300 000 readings
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Fit:
 def read_readings(path: Path) -> tuple[Floats, Floats]:
     """Return positions and volts, each (n,), from a CSV file with a header naming both columns."""
     try:
-        lines = read_text(path, MOST_BYTES).splitlines()
+        lines = read_text(path, _MOST_BYTES).splitlines()
         reader = csv.DictReader(line for line in lines if not line.lstrip().startswith("#"))
         missing = [name for name in COLUMNS if name not in (reader.fieldnames or [])]
         if missing:
@@ -114,31 +112,31 @@ def _unscaled(degree: int, centre: float, scale: float) -> Floats:
     return matrix
 
 
-PREFIXES = {"m": (1e3, "mm"), "m/s^2": (1.0, "m/s²")}
-INK, ACCENT, BAND = "#222222", "#b3261e", "#f2c9c5"
+_PREFIXES = {"m": (1e3, "mm"), "m/s^2": (1.0, "m/s²")}
+_INK, _ACCENT, _BAND = "#222222", "#b3261e", "#f2c9c5"
 
 
 def draw(result: Fit, calibration: Calibration, path: Path) -> None:
     """Write the picture of a fit to `path` (PNG, SVG or PDF by its ending)."""
     from matplotlib.figure import Figure  # here: it takes a second to load
 
-    factor, unit = PREFIXES.get(calibration.unit, (1.0, calibration.unit))
+    factor, unit = _PREFIXES.get(calibration.unit, (1.0, calibration.unit))
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     volts = np.linspace(result.volts.min(), result.volts.max(), 200)
     curve = factor * polyval(volts, result.coefficients)
-    above.plot(volts, curve, color=ACCENT, linewidth=1.2, label=_formula(result, factor, unit))
+    above.plot(volts, curve, color=_ACCENT, linewidth=1.2, label=_formula(result, factor, unit))
     readings = f"{len(result.volts)} readings"
-    above.plot(result.volts, factor * result.positions, "o", color=INK, markersize=4, label=readings)
+    above.plot(result.volts, factor * result.positions, "o", color=_INK, markersize=4, label=readings)
     above.set_ylabel(f"{calibration.channel.replace('_', ' ')} [{unit}]")
     above.set_title(f"{calibration.sensor}, serial number {calibration.serial}, {calibration.date}")
     above.legend(frameon=False)
     small, small_unit = (1e6, "µm") if calibration.unit == "m" else (factor, unit)
     band = 2.0 * small * result.position_std(volts)
-    below.fill_between(volts, -band, band, color=BAND, label="±2σ of one reading")
-    below.axhline(0.0, color=ACCENT, linewidth=1.0)
+    below.fill_between(volts, -band, band, color=_BAND, label="±2σ of one reading")
+    below.axhline(0.0, color=_ACCENT, linewidth=1.0)
     bars = 2.0 * small * result.residual_std
-    residuals, style = small * result.residuals, {"color": INK, "markersize": 4, "elinewidth": 0.6}
+    residuals, style = small * result.residuals, {"color": _INK, "markersize": 4, "elinewidth": 0.6}
     below.errorbar(result.volts, residuals, bars, fmt="o", label="readings ±2σ", **style)
     below.set_ylabel(f"residual [{small_unit}]")
     below.set_xlabel("voltage [V]")

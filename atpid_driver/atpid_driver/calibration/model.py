@@ -5,11 +5,10 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import yaml
@@ -17,11 +16,11 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_common.files import Document, FileError, parse_yaml, read_text
 from atpid_common.folders import share_folder
 from atpid_driver import DriverError
 
-MOST_BYTES = 100_000  # the longest of ours has some hundreds
+_MOST_BYTES = 100_000  # the longest of ours has some hundreds
 
 
 class CalibrationError(DriverError):
@@ -73,7 +72,7 @@ class Calibration(BaseModel):
 def load(path: Path) -> Calibration:
     """Read a calibration file; CalibrationError names the file, the key, what was given and what is allowed."""
     try:
-        text = read_text(path, MOST_BYTES)
+        text = read_text(path, _MOST_BYTES)
     except FileError as error:
         raise CalibrationError(f"calibration file {error}") from None
     try:
@@ -138,12 +137,8 @@ def si_of(calibration: Calibration, volts: Floats) -> tuple[Floats, Counts]:
 
 def block_si(calibrations: tuple[Calibration, ...], volts: Floats) -> tuple[Floats, tuple[Counts, ...]]:
     """Return (n_scans, n_channels) in SI for (n_scans, n_channels) [V] and each channel's counts."""
-    values = np.empty_like(volts)
-    counts = []
-    for column, calibration in enumerate(calibrations):
-        values[:, column], count = si_of(calibration, volts[:, column])
-        counts.append(count)
-    return values, tuple(counts)
+    pairs = [si_of(calibration, column) for calibration, column in zip(calibrations, volts.T, strict=True)]
+    return np.column_stack([values for values, _ in pairs]), tuple(counts for _, counts in pairs)
 
 
 def volts_of(calibration: Calibration, quantity: Floats) -> Floats:
@@ -193,7 +188,7 @@ def check_channels(calibrations: tuple[Calibration, ...], channels: tuple[str, .
         )
 
 
-def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+def calibrations_of(values: Document) -> tuple[Calibration, ...]:
     """Return those of the parameters `units` and `factors`, or of the files in `calibrations`. Raises DriverError."""
     if any(values.get("units", ())):
         return _stated(values)
@@ -208,7 +203,7 @@ def shipped_calibrations() -> Path:
     return share_folder("atpid_driver") / "config" / "calibration"
 
 
-def _stated(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+def _stated(values: Document) -> tuple[Calibration, ...]:
     """Return calibrations from the parameters `units` and `factors`. Raises CalibrationError."""
     names, units, factors = list(values["channels"]), list(values["units"]), list(values["factors"])
     factors *= len(names) if len(factors) == 1 else 1
@@ -216,9 +211,9 @@ def _stated(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
         raise CalibrationError(
             f"units {units}, factors {factors}: give one of each for a channel, factors not 0, and no calibrations"
         )
-    known = {"sensor": "as stated", "serial": "none", "date": date.today(), "source": "parameters units and factors",
-             "limits_volts": (-_MOST, _MOST)}  # fmt: skip
+    source, limits = "parameters units and factors", (-_MOST, _MOST)
+    known: Document = {"sensor": "as stated", "serial": "none", "source": source, "limits_volts": limits}
     return tuple(
-        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), **known)
+        Calibration(channel=name, unit=unit, coefficients=(0.0, factor), date=date.today(), **known)
         for name, unit, factor in zip(names, units, factors, strict=True)
     )

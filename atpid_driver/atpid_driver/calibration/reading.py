@@ -14,9 +14,9 @@ from atpid_driver.acquisition import Acquisition, Channel
 from atpid_driver.acquisition.registry import create
 from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.fit import COLUMNS, LARGEST, read_readings
-from atpid_driver.calibration.model import CalibrationError
+from atpid_driver.calibration.model import CalibrationError, Floats
 
-BLOCKS_PER_SECOND = 20.0
+_BLOCKS_PER_SECOND = 20.0
 #: Arguments of the example in the help.
 EXAMPLE = "readings.csv --position 0.010 --terminal AIN0"
 
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         read_readings(arguments.readings)  # a row is added to a table of readings only
     values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
     channel = Channel("reading", arguments.terminal, arguments.kind)
-    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
+    scans = max(1, round(arguments.rate / _BLOCKS_PER_SECOND))
     device = create(arguments.backend, values | {"channels": (channel,), "scans_per_block": scans})
     volts = measure(device, arguments.seconds)
     with output.writing(arguments.readings, "file"):
@@ -57,13 +57,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def measure(device: Acquisition, seconds: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def measure(device: Acquisition, seconds: float) -> Floats:
     """Return the first channel's valid samples over `seconds` [s], (n,) [V]; AcquisitionError from the device."""
     try:
         device.open()
         rate = device.start()
         wanted = max(1, round(seconds * rate))
-        taken: list[np.ndarray[tuple[int], np.dtype[np.float64]]] = []
+        taken: list[Floats] = []
         while sum(map(len, taken)) < wanted:
             taken.append(device.read().volts[:, 0])
     finally:

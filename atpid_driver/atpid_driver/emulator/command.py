@@ -50,7 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--height", type=real(0.0, 10.0, "m"), default=0.3, metavar="H", help="where the ceiling is at first [m]"
     )
-    parser.add_argument(
-        "--fault", type=text, action="append", metavar="'serial_link KIND FROM TO [VALUE]'",
-        help="a fault of the line, with times in s from the first height on (docs/faults.md); again for more",
-    )  # fmt: skip
+    form = "'serial_link KIND FROM TO [VALUE]'"
+    fault = "a fault of the line, with times in s from the first height on (docs/faults.md); again for more"
+    parser.add_argument("--fault", type=text, action="append", metavar=form, help=fault)

@@ -14,10 +14,8 @@ from typing import Final
 
 from atpid_common.errors import InputError
 from atpid_common.folders import cache_root, content_key, share_folder
-from atpid_driver.motor.faults import ProtocolError
-from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of
 
-SOURCE: Final = Path(__file__).resolve().parent / "data"
+_SOURCE: Final = Path(__file__).resolve().parent / "data"
 PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"
 
 _NEEDED: Final[dict[str, Path]] = {
@@ -30,8 +28,8 @@ _NEEDED: Final[dict[str, Path]] = {
 }
 
 
-class EmulatorUnavailableError(InputError):
-    """Tools to build the firmware or the emulator are missing, or a build failed."""
+class EmulatorError(InputError):
+    """The emulator cannot be built, for want of tools or otherwise, or it refused a command or ended."""
 
 
 def missing_tools() -> tuple[str, ...]:
@@ -42,7 +40,7 @@ def missing_tools() -> tuple[str, ...]:
 def build_firmware(table: Path | None = None, folder: Path | None = None) -> Path:
     """Build the firmware and return its ELF file; `table` is an exported look-up table's header.
 
-    Raises `EmulatorUnavailableError` where the tools are missing or the build fails.
+    Raises `EmulatorError` where the tools are missing or the build fails.
     """
     source = share_folder("atpid_driver") / "firmware"
     build = folder or _build_folder("firmware", source)
@@ -51,9 +49,9 @@ def build_firmware(table: Path | None = None, folder: Path | None = None) -> Pat
 
 
 def build_emulator() -> Path:
-    """Build the emulator and return its executable. Raises `EmulatorUnavailableError` as `build_firmware`."""
-    build = _build_folder("emulator", SOURCE)
-    _make(SOURCE, build)
+    """Build the emulator and return its executable. Raises `EmulatorError` as `build_firmware`."""
+    build = _build_folder("emulator", _SOURCE)
+    _make(_SOURCE, build)
     return build / "emulator"
 
 
@@ -67,7 +65,7 @@ def _build_folder(name: str, source: Path) -> Path:
 def _make(source: Path, build: Path, *variables: str) -> None:
     missing = missing_tools()
     if missing or not shutil.which("make"):
-        raise EmulatorUnavailableError(
+        raise EmulatorError(
             f"the emulated motor stand needs {', '.join(missing or ('make',))}: sudo apt-get install {PACKAGES}"
         )
     build.mkdir(parents=True, exist_ok=True)
@@ -76,18 +74,14 @@ def _make(source: Path, build: Path, *variables: str) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)  # two test runs at once must not build into each other
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise EmulatorUnavailableError(f"make in {source} failed: {(done.stderr or done.stdout).strip()}")
+        raise EmulatorError(f"make in {source} failed: {(done.stderr or done.stdout).strip()}")
 
 
 EEPROM_SIZE = 4096  # of the ATmega2560
 
 
-class EmulatorError(InputError):
-    """The emulator refused a command or ended."""
-
-
 @dataclass(frozen=True, slots=True)
-class StandState:
+class _StandState:
     """True state of the emulated stand; times in the board's own milliseconds since the emulator's start."""
 
     board: str
@@ -119,7 +113,7 @@ class Emulator:
         bootloader: float = 0.0,
         reset_on_open: bool = False,
     ) -> None:
-        """Start it. Raises `EmulatorUnavailableError` where it cannot be built, `EmulatorError` for a path in use."""
+        """Start it. Raises `EmulatorError` where it cannot be built, or for a path in use."""
         _check_link(link)
         if eeprom is not None:
             _check_eeprom(eeprom)
@@ -164,10 +158,10 @@ class Emulator:
         """Return what the board sent since the last call; empty while a host has the port."""
         return bytes.fromhex(self.command("recv"))
 
-    def state(self) -> StandState:
+    def state(self) -> _StandState:
         """Return the true state of the stand."""
         values = json.loads(self.command("state"))
-        return StandState(**values | {"open": bool(values["open"])})
+        return _StandState(**values | {"open": bool(values["open"])})
 
     def close(self) -> None:
         """Power off and end."""
@@ -218,63 +212,3 @@ def _check_eeprom(path: Path) -> None:
         raise EmulatorError(f"--eeprom {path}: exists and is no EEPROM of {EEPROM_SIZE} bytes; give a new file's name")
     if not path.parent.is_dir():
         raise EmulatorError(f"--eeprom {path}: there is no folder {path.parent}")
-
-
-BEAT_TIME = 0.1
-BOOT_TIME = 0.05
-
-
-class SteppedHost:
-    """Sends requests and steps simulated time explicitly; there is no port and no thread."""
-
-    def __init__(self, emulator: Emulator) -> None:
-        """Disconnect the serial port and let the board start."""
-        self.emulator = emulator
-        self.sequence = 0
-        emulator.do("unplug")
-        emulator.run(BOOT_TIME)
-        emulator.received()
-
-    def frame(self, word: str, *arguments: int | str) -> bytes:
-        """Return the next request's bytes."""
-        self.sequence = (self.sequence + 1) % 65536
-        return encode(self.sequence, word, *arguments)
-
-    def request(self, word: str, *arguments: int | str, seconds: float = 0.01) -> Reply:
-        """Send a command, advance by `seconds`, return the answer. Raises `ProtocolError` if it is not the only one."""
-        (answer,) = self.answers(self.frame(word, *arguments), seconds)
-        if answer.sequence != self.sequence:
-            raise ProtocolError(f"answer {answer.sequence} to request {self.sequence}")
-        return reply_of(answer)
-
-    def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
-        """Send bytes, advance by `seconds`, return every frame received."""
-        self.emulator.send(data)
-        self.emulator.drain(seconds)
-        return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
-
-    def state(self) -> StateReply:
-        """Return the state without a heartbeat."""
-        return self._state("STATE", 0.01)
-
-    def beat(self, seconds: float) -> StateReply:
-        """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
-        for _ in range(max(1, round(seconds / BEAT_TIME)) - 1):
-            self.request("BEAT", seconds=BEAT_TIME)
-        return self._state("BEAT", BEAT_TIME)
-
-    def make_ready(self) -> StateReply:
-        """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
-        for word in ("ID", "ARM", "HOME"):
-            self.request(word)
-        for _ in range(100):
-            state = self.beat(BEAT_TIME)
-            if state.homed:
-                return state
-        raise ProtocolError(f"homing did not end: {state}")
-
-    def _state(self, word: str, seconds: float) -> StateReply:
-        reply = self.request(word, seconds=seconds)
-        if not isinstance(reply, StateReply):
-            raise ProtocolError(f"{word} was refused: {reply}")
-        return reply

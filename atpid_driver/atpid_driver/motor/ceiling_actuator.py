@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import nan
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
-from atpid_driver import NotReadyError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, HeightRefusedError, LimitsError, MotorFault
+from atpid_driver.motor.faults import NO_FAULT, HeightRefusedError, LimitsError, MotorFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +42,6 @@ class Limits:
                 "stays, command a height inside the limits"
             )
         return height
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """Kind of ceiling and firmware version."""
-
-    name: str
-    version: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +95,8 @@ class CeilingActuator(Protocol):
         Raises `SettingsError` for a real one.
         """
 
-    def connect(self, now: int) -> Identity:
-        """Open and identify; the motor is off afterwards. Raises `LinkError` or `IdentityError`."""
+    def connect(self, now: int) -> str:
+        """Open; return kind and firmware version, the motor being off. Raises `LinkError` or `IdentityError`."""
 
     def activate(self, now: int) -> None:
         """Arm and start homing. Raises `NotReadyError` if it cannot be armed."""
@@ -133,58 +124,3 @@ class CeilingActuator(Protocol):
 
     def close(self) -> None:
         """Switch the motor off and close the connection."""
-
-
-class SimulatedCeiling:
-    """What the simulated ceilings share: no link, and a motor that is off 500 ms after the last heartbeat.
-
-    Of the subclass: `_halt` stops it where it is and sets its mode; `_state` returns the state at `now`;
-    `_lose_heartbeat` switches the motor off.
-    """
-
-    NAME: ClassVar[str]
-    _halt: Callable[[int, Mode], None]
-    _state: Callable[[int], Reading]
-    _lose_heartbeat: Callable[[], None]
-    _mode = Mode.UNCONFIGURED
-    _alive = 0  # the last heartbeat [ns]
-
-    def connect(self, now: int) -> Identity:
-        """Return the identity of a simulated ceiling."""
-        self._halt(now, Mode.DISARMED)
-        return Identity(self.NAME, "1")
-
-    def activate(self, now: int) -> None:
-        """Arm; the height is known, so there is nothing to home."""
-        if self._mode is Mode.UNCONFIGURED:
-            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
-        self._alive = now
-        self._halt(now, Mode.HOLDING)
-
-    def deactivate(self, now: int) -> None:
-        """Stop where it is and disarm."""
-        if self._mode is not Mode.UNCONFIGURED:
-            self._halt(now, Mode.DISARMED)
-
-    def read(self, now: int) -> Reading:
-        """Return the state at `now` [ns]."""
-        self._alive = now
-        return self._state(now)
-
-    def observe(self, now: int) -> Reading:
-        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
-        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
-            self._lose_heartbeat()
-        return self._state(now)
-
-    def reports(self) -> list[str]:
-        """Return none: it has no link."""
-        return []
-
-    def health(self) -> dict[str, str]:
-        """Return its name; there is no link."""
-        return {"hardware_id": self.NAME}
-
-    def close(self) -> None:
-        """Close."""
-        self._mode = Mode.UNCONFIGURED

@@ -35,21 +35,21 @@ from atpid_driver.motor.settings import MotorSettings
 
 NO_LINK: Final = Reading(Mode.UNCONFIGURED)
 #: The heartbeat goes on for so long after the caller's last sign of life.
-KEEP_ALIVE_TIME: Final = 0.25
+_KEEP_ALIVE_TIME: Final = 0.25
 #: Between two frames of a stop that is not confirmed: often, since a lost frame must not delay it.
 STOP_REPEAT: Final = 0.02
 #: A stop that is not confirmed for so long is reported; it goes on. Longer than the firmware's heartbeat.
 CONFIRM_TIME: Final = 0.55
 #: Between two requests for the identity.
-IDENTIFY_REPEAT: Final = 0.25
+_IDENTIFY_REPEAT: Final = 0.25
 #: Another request is made without an answer after so many round trips, within these bounds.
-PATIENCE, SHORTEST, LONGEST = 1.3, 0.04, 0.2
+_PATIENCE, _SHORTEST, _LONGEST = 1.3, 0.04, 0.2
 #: With a request that is older than this, and no answer to it or to a later one, the link is lost.
 LINK_TIME: Final = 1.0
 #: An answer that takes longer is reported, and so that for so long none did.
-LATE, AGAIN = 0.2, 2.0
+_LATE, _AGAIN = 0.2, 2.0
 #: Heights of two answers may differ by this share more than the motor moves [-], and by so much more [m].
-FASTER, PLAY = 1.5, 0.003
+_FASTER, _PLAY = 1.5, 0.003
 _IN_MOTION = (Mode.HOMING, Mode.MOVING)
 _OFF = (Mode.DISARMED, Mode.FAULT)
 
@@ -84,7 +84,7 @@ class Dialogue:
     # -- what is wanted --------------------------------------------------------------------------------------------
 
     def keep_alive(self, now: float) -> None:
-        """Note that the caller still runs: the heartbeat continues for KEEP_ALIVE_TIME."""
+        """Note that the caller still runs: the heartbeat continues for _KEEP_ALIVE_TIME."""
         self._kept_alive = now
 
     def hold(self, sequence: int | None, now: float) -> None:
@@ -195,7 +195,7 @@ class Dialogue:
                 f"nothing answers as {NAME} within {self._settings.identify_timeout:g} s: is the firmware flashed, "
                 "the baud rate right?"
             )
-        request, repeat = self._session.request, STOP_REPEAT if self._stop else IDENTIFY_REPEAT  # ID disarms, too
+        request, repeat = self._session.request, STOP_REPEAT if self._stop else _IDENTIFY_REPEAT  # ID disarms, too
         due = now if request is None else request.written + repeat
         self._next = due if now < due else now + repeat
         return self._session.begin(now, "ID") if now >= due else None
@@ -242,13 +242,13 @@ class Dialogue:
             return None
         self._poll_at = max(self._poll_at + 1.0 / self._settings.rate, now)
         self._next = self._poll_at
-        alive = self.heartbeat and now - self._kept_alive < KEEP_ALIVE_TIME
+        alive = self.heartbeat and now - self._kept_alive < _KEEP_ALIVE_TIME
         return self._session.begin(now, "BEAT" if alive else "STATE")
 
     @property
     def _patience(self) -> float:
         """How long to wait for an answer [s]: a lost frame must not cost a heartbeat, a late one no second request."""
-        return min(max(PATIENCE * self._round_trip, SHORTEST), LONGEST)
+        return min(max(_PATIENCE * self._round_trip, _SHORTEST), _LONGEST)
 
     # -- what the board answers ------------------------------------------------------------------------------------
 
@@ -351,13 +351,13 @@ class Dialogue:
         if request.repeated:
             return  # it is not known which of them was answered
         self._round_trip, self._least_trip = waited, min(waited, self._least_trip)
-        if waited > LATE:
+        if waited > _LATE:
             if not self._late_until:
                 self.report(f"the board answers late, after {waited:.2f} s: the height reported is as old")
-            self._late_until = now + AGAIN
+            self._late_until = now + _AGAIN
         elif self._late_until and now > self._late_until:
             self._late_until = 0.0
-            self.report(f"the board answers within {LATE:g} s again")
+            self.report(f"the board answers within {_LATE:g} s again")
 
     def _check_plausible(self, reply: StateReply) -> None:
         """Raise `SessionLostError` for a height that this motor cannot have reached: the answer is not the board's."""
@@ -365,7 +365,7 @@ class Dialogue:
         if before is None or reply.faults or not (before.homed and reply.homed):
             return
         elapsed = max(0.0, reply.uptime - before.uptime)
-        if abs(reply.height - before.height) > FASTER * self._settings.speed * elapsed + PLAY:
+        if abs(reply.height - before.height) > _FASTER * self._settings.speed * elapsed + _PLAY:
             raise SessionLostError(
                 f"the board's answers go from {before.height:.4f} to {reply.height:.4f} m in {elapsed:.3f} s, which "
                 "its motor cannot: it is identified again"

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check of direction and gain before a run: the ceiling moves by a known distance and back (docs/graph.md)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isnan, nan
 
 from atpid_common.vocabulary import Mode
@@ -13,12 +13,12 @@ from atpid_driver.motor.faults import in_words
 #: How far a height may be from the commanded one [m], and the speed from the given one [-].
 HEIGHT_TOLERANCE, SPEED_TOLERANCE = 0.003, 0.25
 #: The shortest travel by which 50 readings a second judge the speed [s].
-LEAST_TIME = 0.3
+_LEAST_TIME = 0.3
 #: How long a travel may take: its distance over the speed times this, and so much more [-], [s].
 _OVERTIME, _OVERTIME_MORE = 1.5, 1.0
 #: From the announcement to the motion [s].
 ANNOUNCED = 1.0
-_SAME = 1e-6  # a height on the wire is a whole number of micrometres [m]
+SAME = 1e-6  # a height on the wire is a whole number of micrometres [m]
 
 
 class KnownMotionError(DriverError):
@@ -27,9 +27,9 @@ class KnownMotionError(DriverError):
 
 def check_distance(distance: float, limits: Limits) -> None:
     """Raise `SettingsError` for a distance [m] that is not 0 (none) and cannot be judged or may not fit."""
-    low, high = LEAST_TIME * limits.speed, 0.5 * (limits.highest - limits.lowest)
+    low, high = _LEAST_TIME * limits.speed, 0.5 * (limits.highest - limits.lowest)
     if distance != 0.0 and not low <= distance <= high:
-        why = f"{LEAST_TIME:g} s at {limits.speed:g} m/s, to half the range"
+        why = f"{_LEAST_TIME:g} s at {limits.speed:g} m/s, to half the range"
         raise SettingsError(f"check_move {distance:g} m: allowed 0 (none) or {low:g} to {high:g} m ({why})")
 
 
@@ -44,13 +44,10 @@ class _Travel:
     target: float
     speed: float
     begun: float
-    _last_at_origin: float = field(init=False)
+    _last_at_origin: float = nan  # NaN: when it was commanded
     _first_between: float = nan
     _last_between: float = nan
     _first_at_target: float = nan
-
-    def __post_init__(self) -> None:
-        self._last_at_origin = self.begun
 
     def done(self, reading: Reading, now: float) -> bool:
         """Take a reading of `now` [s]; return whether the ceiling has arrived. Raises `KnownMotionError`."""
@@ -67,7 +64,7 @@ class _Travel:
             self._last_between = now
         elif isnan(self._first_at_target):
             self._first_at_target = now
-        if reading.mode is Mode.HOLDING and abs(reading.target - self.target) < _SAME:
+        if reading.mode is Mode.HOLDING and abs(reading.target - self.target) < SAME:
             self._judge(reading.height, now)
             return True
         allowed = _OVERTIME * abs(wanted) / self.speed + _OVERTIME_MORE
@@ -80,10 +77,11 @@ class _Travel:
         if abs(moved - wanted) > HEIGHT_TOLERANCE:
             expected = f"{wanted:+.3f} m within {HEIGHT_TOLERANCE * 1e3:g} mm"
             raise self._error(expected, f"{moved:+.3f} m", "calibrate the height sensor")
-        if abs(wanted) < LEAST_TIME * self.speed:
+        if abs(wanted) < _LEAST_TIME * self.speed:
             return  # the way back to where an interrupted motion began
         usual = (abs(wanted) - 2.0 * HEIGHT_TOLERANCE) / self.speed  # both ends left out
-        longest = (now if isnan(self._first_at_target) else self._first_at_target) - self._last_at_origin
+        left = self.begun if isnan(self._last_at_origin) else self._last_at_origin
+        longest = (now if isnan(self._first_at_target) else self._first_at_target) - left
         shortest = 0.0 if isnan(self._first_between) else self._last_between - self._first_between
         expected = f"{self.speed:g} m/s within {SPEED_TOLERANCE:.0%}"
         remedy = "measure the speed and calibrate the height sensor"

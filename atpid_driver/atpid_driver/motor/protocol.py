@@ -19,7 +19,7 @@ from atpid_driver.motor.faults import MotorFault, ProtocolError
 PROTOCOL: Final = 1
 NAME: Final = "ATPID-MOTOR"
 SEQUENCES: Final = 1 << 16
-MAX_REPLY: Final = 96
+_MAX_REPLY: Final = 96
 COMMANDS: Final = ("ID", "STATE", "BEAT", "ARM", "HOME", "MOVE", "LOOKUP", "STOP", "DISARM")
 REFUSALS: Final[dict[str, str]] = {
     "COMMAND": "unknown command",
@@ -84,7 +84,6 @@ class Refusal:
     reason: str
 
     def __str__(self) -> str:
-        """Return the reason in words."""
         return REFUSALS.get(self.reason, self.reason)
 
 
@@ -108,20 +107,20 @@ def decode(line: bytes) -> Frame:
     """Return the frame in `line` (line end optional). Raises `ProtocolError` for anything else."""
     match = _FRAME.fullmatch(line)
     if match is None:
-        raise ProtocolError(f"not a frame: {line[:MAX_REPLY]!r}; expected $<seq>,<WORD>[,<args>]*<CRC16>")
+        raise ProtocolError(f"not a frame: {line[:_MAX_REPLY]!r}; expected $<seq>,<WORD>[,<args>]*<CRC16>")
     body, given = match.group(1), int(match.group(2), 16)
     if crc16(body) != given:
-        raise ProtocolError(f"check sum {given:04X} of {line[:MAX_REPLY]!r}: computed {crc16(body):04X}")
+        raise ProtocolError(f"check sum {given:04X} of {line[:_MAX_REPLY]!r}: computed {crc16(body):04X}")
     sequence, *fields = body.decode("ascii").split(",")
     if not fields or not fields[0]:
-        raise ProtocolError(f"frame without a word: {line[:MAX_REPLY]!r}")
+        raise ProtocolError(f"frame without a word: {line[:_MAX_REPLY]!r}")
     return Frame(_whole(sequence, SEQUENCES - 1), fields[0], tuple(fields[1:]))
 
 
 def reply_of(frame: Frame) -> Reply:
     """Return the reply in `frame`. Raises `ProtocolError` if it is none of the firmware's."""
     try:
-        return _PARSERS[frame.word](frame.arguments)
+        return _PARSERS[frame.word](*frame.arguments)
     except (KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"reply {frame.word},{','.join(frame.arguments)} not understood: {error}") from None
 
@@ -144,13 +143,13 @@ def _metres(text: str) -> float:
     return -_whole(text[1:]) / 1e6 if text.startswith("-") else _whole(text) / 1e6
 
 
-def _identity(arguments: tuple[str, ...]) -> IdentityReply:
+def _identity(*arguments: str) -> IdentityReply:
     name, version, protocol, boots, cause, lowest, highest, speed, table = arguments
     lengths = (_metres(lowest), _metres(highest), _metres(speed))
     return IdentityReply(name, version, _whole(protocol), _whole(boots), cause, *lengths, _whole(table))
 
 
-def _state(arguments: tuple[str, ...]) -> StateReply:
+def _state(*arguments: str) -> StateReply:
     mode, homed, faults, height, target, raw, milliseconds, rejected, sequence = arguments
     return StateReply(
         mode=Mode(_whole(mode)),
@@ -165,6 +164,4 @@ def _state(arguments: tuple[str, ...]) -> StateReply:
     )
 
 
-_PARSERS: Final[dict[str, Callable[[tuple[str, ...]], Reply]]] = {
-    "ID": _identity, "ST": _state, "NO": lambda arguments: Refusal(*arguments),
-}  # fmt: skip
+_PARSERS: Final[dict[str, Callable[..., Reply]]] = {"ID": _identity, "ST": _state, "NO": Refusal}

@@ -13,8 +13,8 @@ from atpid_driver.motor import protocol
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.faults import IdentityError, LimitsError, LinkError, ProtocolError
 
-VERSION: Final = "1."
-SPEED_TOLERANCE: Final = 0.05
+_VERSION: Final = "1."
+_SPEED_TOLERANCE: Final = 0.05
 #: Answers to so many requests before the last are still accepted, each once.
 _WINDOW: Final = 64
 
@@ -142,9 +142,9 @@ def check_identity(reply: protocol.IdentityReply, limits: Limits) -> None:
     """Raise `IdentityError` for a firmware that is not supported, `LimitsError` if `limits` are not inside its own."""
     if reply.name != protocol.NAME:
         raise IdentityError(f"{reply.name!r} answers, not {protocol.NAME}: wrong port, or flash atpid_driver/firmware")
-    if reply.protocol != protocol.PROTOCOL or not reply.version.startswith(VERSION):
+    if reply.protocol != protocol.PROTOCOL or not reply.version.startswith(_VERSION):
         raise IdentityError(
-            f"firmware {reply.version} with protocol {reply.protocol}: this driver needs {VERSION}x with protocol "
+            f"firmware {reply.version} with protocol {reply.protocol}: this driver needs {_VERSION}x with protocol "
             f"{protocol.PROTOCOL}; flash atpid_driver/firmware (make flash)"
         )
     if limits.lowest < reply.lowest - 1e-9 or limits.highest > reply.highest + 1e-9:
@@ -152,5 +152,5 @@ def check_identity(reply: protocol.IdentityReply, limits: Limits) -> None:
             f"limits {limits.lowest:g} to {limits.highest:g} m asked for, the firmware allows {reply.lowest:g} to "
             f"{reply.highest:g} m: narrow the parameters, or change firmware/config.h and flash"
         )
-    if abs(limits.speed - reply.speed) > SPEED_TOLERANCE * reply.speed:
+    if abs(limits.speed - reply.speed) > _SPEED_TOLERANCE * reply.speed:
         raise LimitsError(f"speed {limits.speed:g} m/s given, the firmware's is {reply.speed:g} m/s: set speed to it")

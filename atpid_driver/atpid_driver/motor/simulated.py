@@ -14,7 +14,7 @@ import numpy as np
 from atpid_common.injected_faults import TO_THE_SWITCH, Injected, active_fault
 from atpid_common.vocabulary import Mode
 from atpid_driver import NotReadyError
-from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
+from atpid_driver.motor.ceiling_actuator import Limits, Reading
 from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault, in_words
 
 _STEP_NS = 1_000_000
@@ -31,10 +31,168 @@ _OVERTIME, _OVERTIME_MORE = 1.5, 0.5
 _DIRECTION = 0.1
 
 
-class FaultyActuator(SimulatedCeiling):
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """One straight travel: from `origin` [m] at `start` [ns] to `target` [m] at `speed` [m/s]."""
+
+    start: int
+    origin: float
+    target: float
+    speed: float
+
+    def height(self, now: int) -> float:
+        """Return the height [m] at `now` [ns]; the target exactly once it is reached, the origin before the start."""
+        distance = self.target - self.origin
+        travelled = self.speed * max(0, now - self.start) * 1e-9
+        if travelled >= abs(distance):
+            return self.target
+        return self.origin + copysign(travelled, distance)
+
+
+class SimulatedActuator:
+    """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed and placed.
+
+    It has no link; its motor is off 500 ms after the last heartbeat.
+    """
+
+    NAME = "simulated ceiling"
+    _mode = Mode.UNCONFIGURED
+    _alive = 0  # the last heartbeat [ns]
+
+    def __init__(self, limits: Limits, initial_height: float) -> None:
+        """Stand at `initial_height` [m], NaN: unknown until `place`.
+
+        Raises `HeightRefusedError` if it is outside the limits.
+        """
+        self.limits = limits
+        self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
+        self._sequence = self._latest = 0
+
+    @property
+    def true_height(self) -> float:
+        """Where it stood when it was last asked [m]."""
+        return self._travel.height(self._latest)
+
+    def with_faults(self, faults: Sequence[Injected], now: int) -> "SimulatedActuator":
+        """Return a ceiling with these faults that goes on from where this one is; without any, itself."""
+        if not faults:
+            return self
+        reading = self.read(now)
+        faulty = FaultyActuator(self.limits, reading.height, faults)
+        faulty.continue_from(reading, now)
+        return faulty
+
+    @property
+    def placed(self) -> bool:
+        """Whether it is known where the ceiling stands."""
+        return not isnan(self.true_height)
+
+    def place(self, height: float, now: int) -> None:
+        """Stand at `height` [m], wherever that is: limits are those of commands."""
+        self._travel, self._latest = self._rest(height, now), now
+
+    def connect(self, now: int) -> str:
+        """Return what it is: a simulated ceiling."""
+        self._halt(now, Mode.DISARMED)
+        return f"{self.NAME} 1"
+
+    def activate(self, now: int) -> None:
+        """Arm; the height is known, so there is nothing to home."""
+        if self._mode is Mode.UNCONFIGURED:
+            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
+        self._alive = now
+        self._halt(now, Mode.HOLDING)
+
+    def deactivate(self, now: int) -> None:
+        """Stop where it is and disarm."""
+        if self._mode is not Mode.UNCONFIGURED:
+            self._halt(now, Mode.DISARMED)
+
+    def read(self, now: int) -> Reading:
+        """Return the state at `now` [ns]."""
+        self._alive = now
+        return self._state(now)
+
+    def observe(self, now: int) -> Reading:
+        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
+        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
+            self._lose_heartbeat()
+        return self._state(now)
+
+    def reports(self) -> list[str]:
+        """Return none: it has no link."""
+        return []
+
+    def health(self) -> dict[str, str]:
+        """Return its name; there is no link."""
+        return {"hardware_id": self.NAME}
+
+    def close(self) -> None:
+        """Close."""
+        self._mode = Mode.UNCONFIGURED
+
+    def move(self, height: float, sequence: int, now: int) -> None:
+        """Travel to `height` [m] from where the ceiling is at `now` [ns]; NaN: stop there and stay."""
+        if self._mode is not Mode.HOLDING:
+            raise NotReadyError(
+                f"ceiling height {height:g} m refused: the motor is {self._mode.name.lower()}; activate it"
+            )
+        here = self._height(now)
+        if not self.placed:
+            raise NotReadyError(f"ceiling height {height:g} m refused: it is not known yet where the ceiling stands")
+        goal = here if isnan(height) else self.limits.check(height)
+        self._sequence = sequence
+        if goal != self._travel.target:
+            self._travel = Travel(now, here, goal, self.limits.speed)
+
+    def _state(self, now: int) -> Reading:
+        height, target, direction, faults = self._motion(now)
+        mode, armed = self._mode, self._mode is Mode.HOLDING
+        if armed and not self.placed:
+            return Reading(mode=Mode.HOMING, speed=self.limits.speed)
+        if armed and (faults or direction):
+            mode = Mode.FAULT if faults else Mode.MOVING
+        return Reading(
+            mode=mode,
+            homed=armed,
+            faults=faults,
+            height=height,
+            target=target if mode in (Mode.HOLDING, Mode.MOVING) else nan,
+            velocity=direction * self.limits.speed if mode is Mode.MOVING else 0.0,
+            speed=self.limits.speed,
+            sequence=self._sequence,
+        )
+
+    def _motion(self, now: int) -> tuple[float, float, float, MotorFault]:
+        """Return at `now` [ns] height and target [m], direction (1: up, -1, 0: at rest), and faults."""
+        height, target = self._height(now), self._travel.target
+        direction = 0.0 if height == target else copysign(1.0, target - height)
+        return height, target, direction, MotorFault.HEARTBEAT if self._mode is Mode.FAULT else NO_FAULT
+
+    def _lose_heartbeat(self) -> None:
+        self._halt(self._alive + HEARTBEAT_TIME, Mode.FAULT)
+
+    def _halt(self, now: int, mode: Mode) -> None:
+        self._travel = self._rest(self._height(now), now)
+        self._mode = mode
+
+    def _height(self, now: int) -> float:
+        """Return the height at `now`; a clock that was set back moves nothing: the travel goes on from where it is."""
+        if now < self._latest:
+            here = self._travel.height(self._latest)
+            self._travel = Travel(now, here, self._travel.target, self.limits.speed)
+        self._latest = now
+        return self._travel.height(now)
+
+    def _rest(self, height: float, now: int) -> Travel:
+        return Travel(now, height, height, self.limits.speed)
+
+
+class FaultyActuator(SimulatedActuator):
     """A simulated ceiling with injected faults of `motor` and `height_sensor`; latched faults need `activate`."""
 
     NAME = "simulated ceiling with injected faults"
+    true_height = nan  # [m]
 
     def __init__(self, limits: Limits, initial_height: float, faults: Sequence[Injected]) -> None:
         """Stand at `initial_height` [m], NaN: unknown until `place`. Times of `faults` are those of `now`."""
@@ -62,11 +220,6 @@ class FaultyActuator(SimulatedCeiling):
         if reading.mode is Mode.MOVING:
             self.move(reading.target, reading.sequence, now)
         self._sequence = reading.sequence
-
-    @property
-    def placed(self) -> bool:
-        """Whether it is known where the ceiling stands."""
-        return not isnan(self.true_height)
 
     def place(self, height: float, now: int) -> None:
         """Stand at `height` [m]."""
@@ -100,23 +253,10 @@ class FaultyActuator(SimulatedCeiling):
     def _lose_heartbeat(self) -> None:
         self._faults |= MotorFault.HEARTBEAT
 
-    def _state(self, now: int) -> Reading:
-        """Return what the height sensor reads at `now` [ns] and what the motor does."""
+    def _motion(self, now: int) -> tuple[float, float, float, MotorFault]:
+        """Return the same as the height sensor reads it."""
         self._advance(now)
-        armed = self._mode is Mode.HOLDING
-        if armed and not self.placed:
-            return Reading(mode=Mode.HOMING, speed=self.limits.speed)
-        mode = Mode.FAULT if armed and self._faults else Mode.MOVING if armed and self._on else self._mode
-        return Reading(
-            mode=mode,
-            homed=armed,
-            faults=self._faults,
-            height=self._reading,
-            target=self._target if mode in (Mode.HOLDING, Mode.MOVING) else nan,
-            velocity=self._direction * self.limits.speed if mode is Mode.MOVING else 0.0,
-            speed=self.limits.speed,
-            sequence=self._sequence,
-        )
+        return self._reading, self._target, self._direction if self._on else 0.0, self._faults
 
     def close(self) -> None:
         """Close."""
@@ -142,7 +282,8 @@ class FaultyActuator(SimulatedCeiling):
         # there a switch cuts the motor's supply, whatever drives it; below, the grain holds the ceiling
         top = self.limits.highest + TO_THE_SWITCH
         self.true_height = min(max(self.true_height + velocity * _STEP, self.limits.lowest), top)
-        self._past = [*self._past[-20_000:], self.true_height] if self._delay else []
+        delayed = any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
+        self._past = [*self._past[-20_000:], self.true_height] if delayed else []
         before, self._reading = self._reading, self._sensed(time)
         if self._mode is not Mode.HOLDING:
             return
@@ -153,10 +294,6 @@ class FaultyActuator(SimulatedCeiling):
             self._on, self._origin = False, self._reading
             if arrived:
                 self._origin = self._target
-
-    @property
-    def _delay(self) -> bool:
-        return any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
 
     def _velocity(self, time: float) -> float:
         """Return how the ceiling really moves [m/s]."""
@@ -216,111 +353,3 @@ class FaultyActuator(SimulatedCeiling):
             found |= MotorFault.STALL if abs(reading - self._mark) < _STALL and not near else NO_FAULT
             self._mark = reading
         return found
-
-
-NANO = 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class Travel:
-    """One straight travel: from `origin` [m] at `start` [ns] to `target` [m] at `speed` [m/s]."""
-
-    start: int
-    origin: float
-    target: float
-    speed: float
-
-    def height(self, now: int) -> float:
-        """Return the height [m] at `now` [ns]; the target exactly once it is reached, the origin before the start."""
-        distance = self.target - self.origin
-        travelled = self.speed * max(0, now - self.start) * NANO
-        if travelled >= abs(distance):
-            return self.target
-        return self.origin + copysign(travelled, distance)
-
-
-class SimulatedActuator(SimulatedCeiling):
-    """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed and placed."""
-
-    NAME = "simulated ceiling"
-
-    def __init__(self, limits: Limits, initial_height: float) -> None:
-        """Stand at `initial_height` [m], NaN: unknown until `place`.
-
-        Raises `HeightRefusedError` if it is outside the limits.
-        """
-        self.limits = limits
-        self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
-        self._sequence = self._latest = 0
-
-    @property
-    def true_height(self) -> float:
-        """Where it stood when it was last asked [m]."""
-        return self._travel.height(self._latest)
-
-    def with_faults(self, faults: Sequence[Injected], now: int) -> "SimulatedActuator | FaultyActuator":
-        """Return a ceiling with these faults that goes on from where this one is; without any, itself."""
-        if not faults:
-            return self
-        reading = self.read(now)
-        faulty = FaultyActuator(self.limits, reading.height, faults)
-        faulty.continue_from(reading, now)
-        return faulty
-
-    @property
-    def placed(self) -> bool:
-        """Whether it is known where the ceiling stands."""
-        return not isnan(self._travel.origin)
-
-    def place(self, height: float, now: int) -> None:
-        """Stand at `height` [m], wherever that is: limits are those of commands."""
-        self._travel, self._latest = self._rest(height, now), now
-
-    def move(self, height: float, sequence: int, now: int) -> None:
-        """Travel to `height` [m] from where the ceiling is at `now` [ns]; NaN: stop there and stay."""
-        if self._mode is not Mode.HOLDING:
-            raise NotReadyError(
-                f"ceiling height {height:g} m refused: the motor is {self._mode.name.lower()}; activate it"
-            )
-        here = self._height(now)
-        if not self.placed:
-            raise NotReadyError(f"ceiling height {height:g} m refused: it is not known yet where the ceiling stands")
-        goal = here if isnan(height) else self.limits.check(height)
-        self._sequence = sequence
-        if goal != self._travel.target:
-            self._travel = Travel(now, here, goal, self.limits.speed)
-
-    def _state(self, now: int) -> Reading:
-        height, target = self._height(now), self._travel.target
-        armed = self._mode is Mode.HOLDING
-        if armed and not self.placed:
-            return Reading(mode=Mode.HOMING, speed=self.limits.speed)
-        moving = armed and height != target
-        return Reading(
-            mode=Mode.MOVING if moving else self._mode,
-            homed=armed,
-            faults=MotorFault.HEARTBEAT if self._mode is Mode.FAULT else NO_FAULT,
-            height=height,
-            target=target if armed else nan,
-            velocity=copysign(self.limits.speed, target - height) if moving else 0.0,
-            speed=self.limits.speed,
-            sequence=self._sequence,
-        )
-
-    def _lose_heartbeat(self) -> None:
-        self._halt(self._alive + HEARTBEAT_TIME, Mode.FAULT)
-
-    def _halt(self, now: int, mode: Mode) -> None:
-        self._travel = self._rest(self._height(now), now)
-        self._mode = mode
-
-    def _height(self, now: int) -> float:
-        """Return the height at `now`; a clock that was set back moves nothing: the travel goes on from where it is."""
-        if now < self._latest:
-            here = self._travel.height(self._latest)
-            self._travel = Travel(now, here, self._travel.target, self.limits.speed)
-        self._latest = now
-        return self._travel.height(now)
-
-    def _rest(self, height: float, now: int) -> Travel:
-        return Travel(now, height, height, self.limits.speed)

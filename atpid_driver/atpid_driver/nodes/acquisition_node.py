@@ -12,7 +12,7 @@ import queue
 import sys
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from builtin_interfaces.msg import Time
@@ -45,10 +45,9 @@ class AcquisitionNode(DeviceNode):
 
     NAME: ClassVar[str] = "acquisition_node"
     #: Its own defaults of parameters, by name.
-    USUAL: ClassVar[Mapping[str, Any]] = {}
+    USUAL: ClassVar[Mapping[str, object]] = {}
 
-    def __init__(self, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened."""
+    def __init__(self, **kwargs: object) -> None:
         super().__init__(self.NAME, **kwargs)
         try:
             self._settings, self._calibrations = settings_of(self, self.USUAL)

@@ -4,10 +4,10 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from rclpy.node import Node
 
+from atpid_common.files import Document
 from atpid_common.nodes.parameters import ParameterError, declare
 from atpid_common.parameters import Entry, rows_of
 from atpid_common.vocabulary import Frame
@@ -46,7 +46,7 @@ def common_rows() -> tuple[Entry, ...]:
     )
 
 
-def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+def settings_of(node: Node, usual: Mapping[str, object]) -> tuple[Document, tuple[Calibration, ...]]:
     """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
     usual: the node's own defaults by name. `channels` and `scans_per_block` are as the backend takes them. Raises
@@ -54,7 +54,7 @@ def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], t
     """
     values = declare(node, [replace(row, default=usual.get(row.name, row.default)) for row in common_rows()])
     check_topic(node, values["topic"])
-    backends = dict.fromkeys((values["backend"], usual.get("backend", "simulated"), "simulated"))
+    backends = dict.fromkeys((values["backend"], str(usual.get("backend", "simulated")), "simulated"))
     rows = {row.name: row for name in reversed(backends) for row in own_rows(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
     made, calibrations = values | wired(values), calibrations_of(values)

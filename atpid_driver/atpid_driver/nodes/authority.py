@@ -25,13 +25,13 @@ from atpid_driver.motor.faults import CommandStaleError
 from atpid_driver.settings import SupervisedSettings
 
 #: What the middleware calls a node before it has its name; a program without a ROS node never gets another one.
-UNKNOWN = "_NODE_NAME_UNKNOWN_"
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 #: How long a publisher may be without a name before it is reported as one [s].
-NAMING_TIME = 1.0
+_NAMING_TIME = 1.0
 #: After so long without a command that must not be followed the next one is reported again [s].
-REPORT_AGAIN = 1.0
+_REPORT_AGAIN = 1.0
 #: A publisher's own count of its messages may jump by so many: some were lost.
-MOST_LOST = 1000
+_MOST_LOST = 1000
 #: Where the supervisor publishes its permission.
 TOPIC = "supervisor/state"
 #: Discovery takes this long at most: a node of this name seen within it was there before [s].
@@ -54,9 +54,9 @@ class Commander:
         self._node, self._name, self._silence = node, name, silence
         self.topic, self._resolved = topic, node.resolve_topic_name(topic)
         self._number, self._followed_at = 0, -silence  # of the last command followed
-        self._began = self._last = -REPORT_AGAIN  # of commands that must not be followed [s]
+        self._began = self._last = -_REPORT_AGAIN  # of commands that must not be followed [s]
         self._reported = False
-        self.several = False  # the graph shows another sender than the one that may command
+        self.several = False  # the graph shows another sender than the one that may command: then nothing may move
         self.problem = ""  # why the last command must not be followed; empty: it may
         self.refused = 0
 
@@ -67,7 +67,7 @@ class Commander:
         self.problem = problem or self._of_sequence(number)
         if self.problem:
             now = time.monotonic()
-            if now - self._last > REPORT_AGAIN:
+            if now - self._last > _REPORT_AGAIN:
                 self._began, self._reported = now, False
             self._last = now
             self.refused += 1
@@ -75,7 +75,7 @@ class Commander:
 
     def to_report(self) -> bool:
         """Return whether the problem is to be reported now: once, and not while a name is about to be known."""
-        named = UNKNOWN not in self.problem or self._last - self._began > NAMING_TIME
+        named = _UNKNOWN not in self.problem or self._last - self._began > _NAMING_TIME
         reported, self._reported = self._reported, self._reported or named
         return named and not reported
 
@@ -95,7 +95,7 @@ class Commander:
     def _of_sequence(self, number: int) -> str:
         """Return what is wrong with a message whose publisher has numbered it so; 0: by no count."""
         now = time.monotonic()
-        in_turn = self._number < number <= self._number + MOST_LOST
+        in_turn = self._number < number <= self._number + _MOST_LOST
         if number and not in_turn and now - self._followed_at <= self._silence:
             return f"{self.topic} is published by two nodes of one name; the one that was there before is followed"
         self._number, self._followed_at = number, now
@@ -111,15 +111,12 @@ class Commander:
 class MotionPermit:
     """Whether motor or exciter may move now; always, where it is not supervised."""
 
-    def __init__(
-        self, node: Node, on_stop: Callable[[str], None], timeout: float, on_state: Callable[[], None] = lambda: None,
-        *, supervised: bool,
-    ) -> None:  # fmt: skip
+    def __init__(self, node: Node, on_stop: Callable[[str], None], timeout: float, *, supervised: bool) -> None:
         """Subscribe where it is supervised; on_stop: called with the reason of a stop, by each message that has one.
 
-        timeout: silence of the supervisor that withdraws the permission [s]; on_state: called after each message.
+        timeout: silence of the supervisor that withdraws the permission [s].
         """
-        self._on_state = on_state
+        self.on_state: Callable[[], None] = lambda: None  # called after each message
         self.supervised, self._timeout, self._on_stop = supervised, timeout, on_stop
         self._permitted, self._received = False, 0.0  # steady [s]
         self.ending = False  # the supervisor ends in order
@@ -148,7 +145,7 @@ class MotionPermit:
         self.ending = state.state == SupervisorState.SHUTDOWN
         if state.stop:
             self._on_stop(self._reason)
-        self._on_state()
+        self.on_state()
 
 
 class DuplicateNodes:
@@ -190,7 +187,7 @@ class _Seen(NamedTuple):
     number: int
 
 
-def number_of(info: dict[str, int]) -> int:
+def _number_of(info: dict[str, int]) -> int:
     """Return the publisher's own count of its messages; 0: the middleware has none."""
     return info.get("publication_sequence_number") or 0
 
@@ -199,7 +196,7 @@ class CommandGate:
     """Judges each command by its sender and its age, and reports what is refused once.
 
     The age of a command is the largest of three: by its stamp and the steady clock (`Freshness`), since its
-    publication, and since its receipt. A command that waits in the link after that is judged there (`Link`).
+    publication, and since its receipt. A command that waits in the link after that is judged there (`Dialogue`).
     """
 
     def __init__(
@@ -211,7 +208,7 @@ class CommandGate:
     ) -> None:
         """Begin; publish_event: called with severity, kind, value and text."""
         self._settings, self._publish_event = settings, publish_event
-        self._commander = Commander(node, topic, settings.commander, settings.stale_timeout)
+        self.commander = Commander(node, topic, settings.commander, settings.stale_timeout)
         self._freshness = Freshness()
         self._late = 0.0  # of the last command [s]
         self._last: tuple[object, _Seen] | None = None  # the last decision
@@ -227,23 +224,18 @@ class CommandGate:
         """
         if self._settings.lockstep:
             return False
-        foreign = bool(self._commander.judge(number_of(info)))
-        seen = _Seen(time.monotonic(), number_of(info))
+        foreign = bool(self.commander.judge(_number_of(info)))
+        seen = _Seen(time.monotonic(), _number_of(info))
         if foreign and self._last is not None and decision == self._last[0]:
             self._last = decision, seen
-        if foreign and (self._commander.several or decision in self._voided):
+        if foreign and (self.commander.several or decision in self._voided):
             self._remember(decision, seen)
         return foreign
 
-    @property
-    def several_senders(self) -> bool:
-        """Whether the graph shows another sender than the one that may command: then nothing may move."""
-        return self._commander.several
-
     def report_foreign(self, value: float) -> None:
         """Report a foreign command of `value`, once."""
-        if self._commander.to_report():
-            text = f"command ignored: {self._commander.problem}"
+        if self.commander.to_report():
+            text = f"command ignored: {self.commander.problem}"
             self._publish_event(Event.ALARM, Event.REFUSED, value, text)
 
     def receive(self, stamp: int, info: dict[str, int], decision: object) -> None:
@@ -254,7 +246,7 @@ class CommandGate:
         """
         self.latencies.add(info.get("received_timestamp", 0) - stamp)
         self._late = self._freshness.age(stamp, time.monotonic_ns())
-        seen, before = _Seen(time.monotonic(), number_of(info)), self._voided.get(decision)
+        seen, before = _Seen(time.monotonic(), _number_of(info)), self._voided.get(decision)
         self._last = decision, seen
         if before is None:
             return
@@ -321,10 +313,6 @@ class CommandGate:
     def restart(self) -> None:
         """A source begins: its stamps are not those of the one before."""
         self._freshness.restart()
-
-    def status(self) -> DiagnosticStatus:
-        """Return the status "NODE: commands"."""
-        return self._commander.status()
 
 
 #: The least lateness seen is forgotten by so much a second, so that a clock that drifts is followed [-].

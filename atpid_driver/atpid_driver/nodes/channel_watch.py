@@ -2,23 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sensors of an acquisition node: each channel's state as event and status, and NaN where one does not measure."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticStatus
-from numpy.typing import NDArray
 from rclpy.node import Node
 
 from atpid_common.channel_monitor import ChannelState
+from atpid_common.files import Document
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.parameters import Publish
 from atpid_common.parameters import Entry
 from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
-from atpid_driver.calibration.model import Calibration, Counts
+from atpid_driver.calibration.model import Calibration, Counts, Floats
 
-Floats = NDArray[np.float64]
 THRESHOLDS = (
     Entry("dead_time", 0.2, "a channel without one usable reading for so long is faulty", "s", 0.01, 60.0),
     Entry("frozen_time", 1.0, "time over which frozen and clipped readings and spikes are looked for", "s", 0.1, 600.0),
@@ -26,20 +24,14 @@ THRESHOLDS = (
     Entry("spike", 0.0, "a reading further than this from both its neighbours is a spike; 0: none is", "V", 0.0, 100.0),
     Entry("spikes_per_second", 3.0, "from which spikes are reported", "1/s", 0.01, 100_000.0),
 )
-_EVENTS = (
-    (Event.INFO, Event.RECOVERED),
-    (Event.WARNING, Event.FAULT),
-    (Event.ALARM, Event.FAULT),
-)
+_EVENTS = ((Event.INFO, Event.RECOVERED), (Event.WARNING, Event.FAULT), (Event.ALARM, Event.FAULT))
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
 class ChannelWatch:
     """One monitor for each channel; a channel whose sensor does not measure is NaN in what is published."""
 
-    def __init__(
-        self, node: Node, calibrations: Sequence[Calibration], values: Mapping[str, Any], publish: Publish
-    ) -> None:
+    def __init__(self, node: Node, calibrations: Sequence[Calibration], values: Document, publish: Publish) -> None:
         """Begin. values: the node's parameters by name; publish: publishes an event."""
         self._node, self._calibrations, self._publish = node, calibrations, publish
         noise = float(values.get("converter_noise", 0.0))  # of a backend that has none: only equal readings are frozen

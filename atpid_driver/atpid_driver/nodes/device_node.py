@@ -3,7 +3,6 @@
 """A lifecycle node of one device: each failed transition is reported once, and its end releases the device."""
 
 from collections.abc import Callable
-from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -25,7 +24,7 @@ class DeviceNode(LifecycleNode):
     _deactivate: Callable[[], None]
     _release: Callable[[], None]  # in any state
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
+    def __init__(self, name: str, **kwargs: object) -> None:
         super().__init__(name, **kwargs)
         self._last_error = ""
         self._may_retry = True  # whether the last transition may succeed later with the same parameters
@@ -94,7 +93,6 @@ class DeviceNode(LifecycleNode):
         return answer
 
     def _report_once(self, text: str) -> None:
-        """Report an error once, not at every attempt."""
         if text != self._last_error:
             self._report(text)
         self._last_error = text

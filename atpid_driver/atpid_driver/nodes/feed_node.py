@@ -11,10 +11,8 @@ voltage becomes the plant's `emulated/excitation/state`.
 
 import sys
 import time
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, ExcitationState, SampleBlock
@@ -24,6 +22,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -40,21 +39,16 @@ from atpid_driver.nodes.acquisition_parameters import check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.device import FEED_MAGIC, Outputs
 
-EXCITER = (
-    Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
-    Entry("output_calibration", "", "calibration file of that output, drive_amplitude or drive_frequency"),
-    Entry("disc", 0.0, "amplitude of an eccentric drive's disc, whose frequency the output is", "", 0.0, 1e6),
-)
 #: Between two states; what is looked at for each [s].
-PERIOD, WINDOW = 0.05, 0.06
+_PERIOD, _WINDOW = 0.05, 0.06
 #: A tone below this share of the range is none.
 _NOISE = 1e-4
 
 
-class EmulatedExciter:
+class _EmulatedExciter:
     """Publishes emulated/excitation/state: what DAC0, of a shaker over DAC1, really does, whatever the node says."""
 
-    def __init__(self, node: Node, values: Mapping[str, Any], topic: str) -> None:
+    def __init__(self, node: Node, values: Document, topic: str) -> None:
         """Open the output. Raises CalibrationError for an invalid calibration file."""
         self._node, self._disc = node, float(values["disc"])
         self._calibration = load(Path(values["output_calibration"]))
@@ -62,7 +56,7 @@ class EmulatedExciter:
         self._frequency = 0.0  # of the node's last state [Hz]: the voltage's amplitude is fitted at it
         self._states = node.create_publisher(ExcitationState, topic, STATES)
         subscribe(node, ExcitationState, "excitation/state", self._on_state, STATES)
-        node.create_timer(PERIOD, self._publish, clock=STEADY)
+        node.create_timer(_PERIOD, self._publish, clock=STEADY)
 
     def _on_state(self, state: ExcitationState) -> None:
         self._frequency = state.frequency or self._frequency
@@ -71,8 +65,8 @@ class EmulatedExciter:
         amplitude, frequency, volts = self._level() if self._disc else self._tone()
         running = ExcitationState.RUNNING if amplitude else ExcitationState.OFF
         header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=Frame.SUPPORT)
-        self._states.publish(ExcitationState(
-            header=header, mode=running, amplitude=amplitude, frequency=frequency, output=volts))  # fmt: skip
+        state = ExcitationState(header=header, mode=running, amplitude=amplitude, frequency=frequency, output=volts)
+        self._states.publish(state)
 
     def _level(self) -> tuple[float, float, float]:
         volts = self._outputs.volts(0)
@@ -80,7 +74,7 @@ class EmulatedExciter:
         return (self._disc, frequency, volts) if volts > 0.0 and frequency > 0.0 else (0.0, 0.0, volts)
 
     def _tone(self) -> tuple[float, float, float]:
-        times, volts = self._outputs.recent(WINDOW)
+        times, volts = self._outputs.recent(_WINDOW)
         low, high = self._calibration.limits_volts
         peak = float(np.abs(volts).max())
         if peak < _NOISE * (high - low) or not self._frequency:
@@ -90,33 +84,35 @@ class EmulatedExciter:
         return float(np.hypot(*parts) * self._calibration.coefficients[1]), self._frequency, peak
 
 
-EMULATED = "emulated"
-IDLE_S = 0.01
+_EMULATED = "emulated"
+_IDLE_S = 0.01
 _NOISE_TEXT = "standard deviation of the sensors' noise: a real laser has some, a frozen one none"
-CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
+_CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
 PARAMETERS = (
     Entry("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
-    Entry("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
+    Entry("topic", f"{_EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     Entry("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
     Entry("noise", 3e-4, _NOISE_TEXT, "V", 0.0, 1.0),
     Entry("rest", [0.0], "reading of each channel until the plant moves it; one entry stands for all", "m or N"),
-    Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
+    Entry("calibrations", _CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
-    *EXCITER,
+    Entry("output", "", "file of the outputs of the device that excites; empty: none does"),
+    Entry("output_calibration", "", "calibration file of that output, drive_amplitude or drive_frequency"),
+    Entry("disc", 0.0, "amplitude of an eccentric drive's disc, whose frequency the output is", "", 0.0, 1e6),
 )
 
 
 class FeedNode(Node):
     """Converts metres to volts with the same calibration files the acquisition node converts back with."""
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, **kwargs: object) -> None:
         """Make the feed. Raises ParameterError or DriverError for an invalid parameter."""
         super().__init__("feed_node", **kwargs)
         try:
             values = declare(self, PARAMETERS)
             check_topic(self, values["topic"])
             if values["output"]:
-                self._exciter = EmulatedExciter(self, values, f"{EMULATED}/excitation/state")
+                self._exciter = _EmulatedExciter(self, values, f"{_EMULATED}/excitation/state")
             self.feed = self._made(values)
         except InputError:
             super().destroy_node()
@@ -124,7 +120,7 @@ class FeedNode(Node):
         self._random = np.random.default_rng(0)
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
-        self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
+        self._states = self.create_publisher(CeilingState, f"{_EMULATED}/ceiling/state", STATES)
         subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         subscribe(self, SampleBlock, "sensors/laser", self._on_device, BLOCKS)
         subscribe(self, SampleBlock, values["topic"], self._on_block, BLOCKS)
@@ -132,11 +128,11 @@ class FeedNode(Node):
         self._last = np.broadcast_to(self._rest, len(self._calibrations))
         self._began, self._idle = time.monotonic(), 0
         self._missing = 0  # scans of the plant that did not arrive
-        self._timer = self.create_timer(IDLE_S, self._feed_idle, clock=STEADY)
+        self._timer = self.create_timer(_IDLE_S, self._feed_idle, clock=STEADY)
         self._announce_at = self._began + ANNOUNCE_AFTER
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
-    def _made(self, values: dict[str, Any]) -> Feed:
+    def _made(self, values: Document) -> Feed:
         """Return the feed that the parameters ask for. Raises DriverError."""
         if not values["feed"] or not values["calibrations"]:
             raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
@@ -204,7 +200,6 @@ class FeedNode(Node):
         return "" if self._live else f"sensors/laser of the device that reads {self._path}"
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the feed, for /diagnostics."""
         waiting = self._waiting_for()
         moving = self._next is not None and self._timer.is_canceled()
         message = f"waiting for {waiting}" if waiting else "fed by the plant" if moving else "last displacement, idle"

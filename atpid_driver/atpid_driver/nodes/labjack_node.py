@@ -5,7 +5,7 @@
 import sys
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from atpid_common.nodes.node_main import run_node
 from atpid_common.real_time import LOOP_PRIORITY
@@ -16,7 +16,12 @@ class LabJackNode(AcquisitionNode):
     """The acquisition node, used for the lasers."""
 
     NAME = "labjack_node"
-    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "labjack", "topic": "sensors/laser", "in_loop": True, "spike": 0.2}
+    USUAL: ClassVar[Mapping[str, object]] = {
+        "backend": "labjack",
+        "topic": "sensors/laser",
+        "in_loop": True,
+        "spike": 0.2,
+    }
 
 
 main = partial(run_node, LabJackNode, priority=LOOP_PRIORITY)

@@ -44,11 +44,11 @@ def settings_of(value: Value) -> MotorSettings:
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:
     """Return the message of a reading; `handshake` marks its answer."""
-    return CeilingState(
-        header=header, handshake=handshake, mode=reading.mode, homed=reading.homed,
-        faults=reading.faults, fault=in_words(reading.faults), height=reading.height, target=reading.target,
-        velocity=reading.velocity, speed=reading.speed, sequence=reading.sequence,
-    )  # fmt: skip
+    state = CeilingState(header=header, handshake=handshake, mode=reading.mode, homed=reading.homed)
+    state.faults, state.fault = reading.faults, in_words(reading.faults)
+    state.height, state.target, state.velocity = reading.height, reading.target, reading.velocity
+    state.speed, state.sequence = reading.speed, reading.sequence
+    return state
 
 
 def status_of(
@@ -74,8 +74,8 @@ def status_of(
     return status(node, "ceiling motor", level, message, values, hardware_id)
 
 
-TRUTH = "ceiling/truth"
-ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
+_TRUTH = "ceiling/truth"
+_ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
 
 
 class PlantCeiling:
@@ -92,7 +92,7 @@ class PlantCeiling:
         self._truth: Subscription | None = subscribe(
             node, PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
         )
-        self._timer = node.create_timer(ANNOUNCE_AFTER, self._announce, clock=STEADY)
+        self._timer = node.create_timer(_ANNOUNCE_AFTER, self._announce, clock=STEADY)
 
     def _on_truth(self, truth: PlantTruth) -> None:
         if self._truth is None or not len(truth.ceiling):
@@ -127,7 +127,7 @@ class FaultInjection:
         """Inject these faults and no others, once the run has begun."""
         self._faults = faults
         if faults and self._truth is None:
-            self._truth = self._node.create_publisher(CeilingState, TRUTH, 100)
+            self._truth = self._node.create_publisher(CeilingState, _TRUTH, 100)
         if self._begin is None:
             return actuator
         since = self._begin * 1e-9

@@ -14,7 +14,6 @@ import time
 from contextlib import suppress
 from functools import partial
 from math import isfinite, nan
-from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time
@@ -34,13 +33,12 @@ from atpid_driver.clock import time_base_ns
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.faults import NO_FAULT, HeightRefusedError, StopNotConfirmedError, in_words
-from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
+from atpid_driver.motor.known_motion import SAME, KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.nodes.motor_interface import TABLE, FaultInjection, PlantCeiling, settings_of, state_of, status_of
 from atpid_driver.nodes.supervised_node import SupervisedNode
 
-SAME = 1e-6  # a height on the wire is a whole number of micrometres
-REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
+_REAL_TIME_DEPTH, _LOCKSTEP_DEPTH = 1, 10
 
 
 class MotorNode(SupervisedNode):
@@ -50,7 +48,7 @@ class MotorNode(SupervisedNode):
     SILENCE = "the ceiling is stopped"
     settings: MotorSettings
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, **kwargs: object) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
         super().__init__("motor_node", **kwargs)
         try:
@@ -68,16 +66,13 @@ class MotorNode(SupervisedNode):
         self.done: Future = Future()  # of the exit status: this node ends where the known motion fails
         self.error = ""
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
-        self._open_topics(CeilingCommand, CeilingState, LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH)
+        self._open_topics(CeilingCommand, CeilingState, _LOCKSTEP_DEPTH if self.settings.lockstep else _REAL_TIME_DEPTH)
         self._was_granted = self._permit.granted
         self._begin()
         if not self._actuator.placed:
-            self._plant_ceiling = PlantCeiling(self, self._place)
+            self._plant_ceiling = PlantCeiling(self, lambda height: self._actuator.place(height, self._now()))
         self._inject(self.settings.injected)
         values.follow(lambda value: settings_of(value).injected, self._inject, self._events.publish)
-
-    def _place(self, height: float) -> None:
-        self._actuator.place(height, self._now())
 
     def _inject(self, faults: tuple[Injected, ...]) -> None:
         self._actuator = self._injection.change(self._actuator, faults, self._now())
@@ -87,9 +82,9 @@ class MotorNode(SupervisedNode):
         super()._on_event(event)
 
     def _configure(self) -> None:
-        self.identity = self._actuator.connect(self._now())
+        found = self._actuator.connect(self._now())
         self._connected = True
-        self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
+        self.get_logger().info(f"connected to {found}; motor off")
 
     def _activate(self) -> None:
         self._check_permitted()
@@ -263,7 +258,7 @@ class MotorNode(SupervisedNode):
         reading = self._reading()
         return [
             status_of(self, self._actuator, reading, self._last_error, self._gate.latencies),
-            self._gate.status(),
+            self._gate.commander.status(),
         ]
 
     def _rearm(self) -> str:

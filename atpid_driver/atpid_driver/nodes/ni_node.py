@@ -5,7 +5,7 @@
 import sys
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from atpid_common.nodes.node_main import run_node
 from atpid_common.real_time import LOOP_PRIORITY
@@ -17,7 +17,7 @@ class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USUAL: ClassVar[Mapping[str, Any]] = {
+    USUAL: ClassVar[Mapping[str, object]] = {
         "backend": "nidaqmx",
         "topic": "sensors/accelerometer",
         "frame_id": Frame.BEAM,

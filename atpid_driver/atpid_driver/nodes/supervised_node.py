@@ -5,7 +5,7 @@
 import time
 from collections.abc import Callable
 from math import nan
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,10 +20,10 @@ from atpid_driver.nodes.authority import CommandGate, DuplicateNodes, MotionPerm
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.settings import SupervisedSettings
 
-RETRY = 1.0
-PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
+_RETRY = 1.0
+_PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
 #: What leads from a lifecycle state to an active node.
-REMEDIES = {
+_REMEDIES = {
     "unconfigured": "configure and activate it",
     "inactive": "activate it",
     "finalized": "it was shut down for good; start it again",
@@ -39,15 +39,14 @@ class SupervisedNode(DeviceNode):
     STATE: ClassVar[str]
     SILENCE: ClassVar[str]
     settings: SupervisedSettings
-    _on_command: Callable[[Any, dict[str, int]], None]
+    _on_command: Callable[..., None]
     _each_period: Callable[[], None]
     _statuses: Callable[[], list[DiagnosticStatus]]
     _halt: Callable[[], None]  # ends what moves; the next command moves it again
     _off: Callable[[], None]  # switches the device off and confirms it
     _rearm: Callable[[], str]  # arms an active one again; returns in words what it does then
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
-        """Begin."""
+    def __init__(self, name: str, **kwargs: object) -> None:
         super().__init__(name, **kwargs)
         self._connected = self._active = False
         self._stopped = ""  # why it is off until a person arms it; empty: it is not
@@ -68,15 +67,10 @@ class SupervisedNode(DeviceNode):
         subscribe(self, command, self.COMMANDS, self._on_command, depth, event_callbacks=callbacks)
         self._gate = CommandGate(self, self.COMMANDS, settings, self._publish_event)
         supervised = settings.supervised and in_time
-        self._permit = MotionPermit(
-            self, self._stop, settings.supervision_timeout, self._heed_permit, supervised=supervised
-        )
+        self._permit = MotionPermit(self, self._stop, settings.supervision_timeout, supervised=supervised)
         if in_time:
             subscribe(self, Event, "events", self._on_event, EVENTS)
             self.create_timer(1.0 / settings.rate, self._each_period, clock=STEADY)
-
-    def _heed_permit(self) -> None:
-        """End what moves where the supervisor does not permit it any more."""
 
     def _on_event(self, event: Event) -> None:
         if event.kind == Event.STARTED:
@@ -106,7 +100,7 @@ class SupervisedNode(DeviceNode):
         """Return whether a command, of `value`, is not of the sender that is followed; beside another nothing moves."""
         if not self._gate.is_foreign(info, decision):
             return False
-        if self._gate.several_senders:
+        if self._gate.commander.several:
             self._halt()
         self._gate.report_foreign(value)
         return True
@@ -129,7 +123,7 @@ class SupervisedNode(DeviceNode):
             self.trigger_activate()
         else:
             waiting = self._connected and not self._duplicates.inhibits_motion
-            self._starter.timer_period_ns = int((PERMIT_RETRY if waiting else RETRY) * 1e9)
+            self._starter.timer_period_ns = int((_PERMIT_RETRY if waiting else _RETRY) * 1e9)
 
     @property
     def _may_start(self) -> bool:
@@ -143,11 +137,11 @@ class SupervisedNode(DeviceNode):
         if severity == Event.ALARM and self._active:
             self.trigger_deactivate()
             if self.settings.autostart:
-                self._starter = self.create_timer(RETRY, self._start, clock=STEADY)
+                self._starter = self.create_timer(_RETRY, self._start, clock=STEADY)
 
     def _state_and_remedy(self) -> str:
         label = str(self._state_machine.current_state[1])
-        return f"{label}: {REMEDIES.get(label, 'activate it')}"
+        return f"{label}: {_REMEDIES.get(label, 'activate it')}"
 
     def _stop(self, reason: str) -> None:
         """Switch the device off, once; it stays off until the node is activated again."""

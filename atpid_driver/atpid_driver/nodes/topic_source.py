@@ -3,7 +3,7 @@
 """Subscribes for the backend `topic` to another driver's messages, of any type, and takes the channels' numbers out."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import reduce
 from importlib import import_module
 from operator import attrgetter
@@ -15,10 +15,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from atpid_common.nodes.messages import STEADY, nanoseconds_of
 from atpid_driver.acquisition import SetupRefusedError
+from atpid_driver.acquisition.protocol import Volts
 from atpid_driver.acquisition.topic import TopicAcquisition
 
 _TERMINAL = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\[(\d+)\])?")
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+#: What takes a field out of a message, and the number's place in it, where it is an array.
+_Field = tuple[Callable[[object], Any], int | None]
 _LOOK = 0.1  # how often a publisher is looked for [s]
 
 
@@ -34,15 +37,15 @@ def subscribe_source(node: Node, device: TopicAcquisition) -> None:
         ) from None
     example = kind()
     take = [_number(example, channel.terminal, settings.source_type) for channel in settings.channels]
-    stamped = hasattr(example, "header")
+    stamp_of = attrgetter("header.stamp") if hasattr(example, "header") else None
 
-    def on_message(message: Any, info: dict[str, Any]) -> None:
+    def on_message(message: object, info: Mapping[str, object]) -> None:
         try:
             values = np.atleast_2d(_scans(message, take, settings.columns))
         except (IndexError, ValueError, TypeError) as error:
             node.get_logger().error(f"{settings.source}: a message has other numbers: {error}", once=True)
             return
-        stamp = nanoseconds_of(message.header.stamp) if stamped else 0
+        stamp = nanoseconds_of(stamp_of(message)) if stamp_of else 0
         number = info.get("publication_sequence_number")
         device.arrived(values, stamp or None, number if isinstance(number, int) and 0 < number < 2**62 else None)
 
@@ -54,14 +57,14 @@ def subscribe_source(node: Node, device: TopicAcquisition) -> None:
     looking = node.create_timer(_LOOK, subscribe, clock=STEADY)
 
 
-def _scans(message: Any, take: list[tuple[Callable[[Any], Any], int | None]], columns: int) -> Any:
+def _scans(message: object, take: list[_Field], columns: int) -> Volts:
     """Return the scans (k, channels) in a message."""
     if not columns:
         return np.array([float(get(message) if at is None else get(message)[at]) for get, at in take])
     return np.column_stack([np.reshape(get(message), (-1, columns))[:, at or 0] for get, at in take]).astype(float)
 
 
-def _number(example: Any, terminal: str, kind: str) -> tuple[Callable[[Any], Any], int | None]:
+def _number(example: Any, terminal: str, kind: str) -> _Field:
     """Return what takes a channel's field out of a message, and its place in an array. Raises SetupRefusedError."""
     found = _TERMINAL.fullmatch(terminal)
     try:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from atpid_common.folders import cache_root, content_key
 from atpid_driver import DriverError
 
-SOURCES = Path(__file__).parent / "data"
+_SOURCES = Path(__file__).parent / "data"
 LIBRARIES = ("libLabJackM.so", "libnidaqmx.so")
 
 
@@ -30,8 +30,8 @@ class StandinError(DriverError):
 
 def build() -> Path:
     """Return the folder with both libraries, made in the user's cache; StandinError without tools."""
-    sources = (path for path in SOURCES.iterdir() if path.is_file())
-    target = cache_root() / "standins" / content_key(SOURCES, sources)
+    sources = (path for path in _SOURCES.iterdir() if path.is_file())
+    target = cache_root() / "standins" / content_key(_SOURCES, sources)
     if all((target / name).is_file() for name in LIBRARIES):
         return target
     for tool in ("make", "cc"):
@@ -39,7 +39,7 @@ def build() -> Path:
             raise StandinError(f"{tool} is missing: the stand-ins need a C compiler (apt install build-essential)")
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target) as made:
-        command = ["make", "--silent", "--directory", str(SOURCES), f"BUILD={made}"]
+        command = ["make", "--silent", "--directory", str(_SOURCES), f"BUILD={made}"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise StandinError(f"the stand-in libraries do not compile: {done.stderr.strip().splitlines()[-1]}")
@@ -48,40 +48,32 @@ def build() -> Path:
     return target
 
 
-def environment(
-    libraries: Path,
-    *,
-    ljm_source: str = "",
-    ljm_control: Path | None = None,
-    ljm_output: Path | None = None,
-    daqmx_source: str = "",
-    daqmx_control: Path | None = None,
-    daqmx_output: Path | None = None,
-) -> dict[str, str]:
-    """Return the variables that make a process find the stand-ins instead of the vendors' libraries."""
+def environment(libraries: Path, **given: str | Path | None) -> dict[str, str]:
+    """Return the variables that make a process find the stand-ins instead of the vendors' libraries.
+
+    given: `source`, `control` and `output` of each device, named as `ljm_source` and `daqmx_control`; empty: none.
+    """
     path = os.pathsep.join(part for part in (str(libraries), os.environ.get("LD_LIBRARY_PATH", "")) if part)
-    values = {
-        "LD_LIBRARY_PATH": path,
-        "ATPID_LJM_SOURCE": ljm_source,
-        "ATPID_LJM_CONTROL": str(ljm_control or ""),
-        "ATPID_LJM_OUTPUT": str(ljm_output or ""),
-        "ATPID_DAQMX_SOURCE": daqmx_source,
-        "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
-        "ATPID_DAQMX_OUTPUT": str(daqmx_output or ""),
-    }
-    return {key: value for key, value in values.items() if value}
+    named = {f"ATPID_{name.upper()}": str(value) for name, value in given.items() if value}
+    return {"LD_LIBRARY_PATH": path} | named
 
 
-CONTROL_MAGIC = b"ATPIDCT1"
+_CONTROL_MAGIC = b"ATPIDCT1"
 SERIAL = 470012345
 DATA_OFFSET = 4096  # of frames and samples, after the header
 CHANNELS = 16
+
+
+def _record(fields: str) -> np.dtype[np.void]:
+    """Return the layout of a file: name and type of each field, in their order."""
+    return np.dtype([(name, kind) for name, kind in map(str.split, fields.split(","))])
+
+
 #: The file, little-endian; `struct control` of data/standin.h.
-PAGE = np.dtype([
-    ("magic", "S8"), ("plugged", "<u4"), ("unplugs", "<u4"), ("serial", "<u4"), ("stalled", "<u4"), ("drop", "<u8"),
-    ("fail_code", "<i4"), ("fail_count", "<u4"), ("held", "<u4"), ("unused", "<u4"), ("hold_volts", "<f8", (CHANNELS,)),
-    ("slow", "<f8"), ("rest", "V3912"),
-])  # fmt: skip
+_PAGE = _record(
+    "magic S8, plugged <u4, unplugs <u4, serial <u4, stalled <u4, drop <u8, fail_code <i4, fail_count <u4, held <u4, "
+    f"unused <u4, hold_volts {CHANNELS}<f8, slow <f8, rest V3912"
+)
 
 
 class Control:
@@ -91,16 +83,16 @@ class Control:
         """Open the control file, or make one of a healthy, plugged-in device with this serial number."""
         self.path = path
         if not path.exists():
-            page = np.zeros(1, PAGE)
-            page["magic"], page["plugged"], page["serial"] = CONTROL_MAGIC, 1, serial
+            page = np.zeros(1, _PAGE)
+            page["magic"], page["plugged"], page["serial"] = _CONTROL_MAGIC, 1, serial
             part = path.with_name(f"{path.name}.{os.getpid()}.part")
             part.write_bytes(page.tobytes())
             os.replace(part, path)
         with path.open("rb") as file:
-            begin, size = file.read(len(CONTROL_MAGIC)), os.fstat(file.fileno()).st_size
-        if begin != CONTROL_MAGIC or size < PAGE.itemsize:
+            begin, size = file.read(len(_CONTROL_MAGIC)), os.fstat(file.fileno()).st_size
+        if begin != _CONTROL_MAGIC or size < _PAGE.itemsize:
             raise StandinError(f"{path} is not a stand-in's control file: remove it or name another")
-        self._page = np.memmap(path, PAGE, "r+", shape=(1,))
+        self._page = np.memmap(path, _PAGE, "r+", shape=(1,))
 
     def unplug(self) -> None:
         """Pull the cable: running streams end, and stay ended after it is plugged in again."""
@@ -153,7 +145,7 @@ def _checked(channel: int) -> int:
 
 
 FEED_MAGIC = b"ATPIDFD1"
-FEED_HEADER = np.dtype([("magic", "S8"), ("channels", "<u4"), ("capacity", "<u4"), ("rate", "<f8"), ("written", "<u8")])
+_FEED_HEADER = _record("magic S8, channels <u4, capacity <u4, rate <f8, written <u8")
 
 
 class Feed:
@@ -180,7 +172,7 @@ class Feed:
         except OSError as error:
             raise StandinError(f"feed {path} cannot be made: {error.strerror}") from None
         self._made = os.stat(part)
-        header = np.frombuffer(self._memory, FEED_HEADER, 1)
+        header = np.frombuffer(self._memory, _FEED_HEADER, 1)
         header[0] = (FEED_MAGIC, channels, capacity, rate, 0)
         self._written = header["written"]
         ring = np.frombuffer(self._memory, np.float64, capacity * channels, DATA_OFFSET)
@@ -210,16 +202,14 @@ class Feed:
                 self.path.unlink()
 
 
-OUTPUT_MAGIC = b"ATPIDOU2"
+_OUTPUT_MAGIC = b"ATPIDOU2"
 QUEUE = 65536
-OUTPUT_HEADER = np.dtype([
-    ("magic", "S8"), ("watchdog", "<u4"), ("watchdog_s", "<u4"), ("watchdog_startup_s", "<u4"),
-    ("watchdog_strict", "<u4"), ("watchdog_key", "<u4"), ("watchdog_resets", "<u4"), ("watchdog_sets", "<u4", (2,)),
-    ("watchdog_volts", "<f8", (2,)), ("power_up", "<f8", (2,)), ("flash", "<u4"), ("booted", "<u4"),
-    ("streams", "<u4"), ("target", "<u4"), ("volts", "<f8", (2,)), ("fed_ns", "<i8"), ("rate", "<f8"),
-    ("start_ns", "<i8"), ("written", "<u8"),
-])  # fmt: skip
-RESTART = 0.1  # of the device [s]
+OUTPUT_HEADER = _record(
+    "magic S8, watchdog <u4, watchdog_s <u4, watchdog_startup_s <u4, watchdog_strict <u4, watchdog_key <u4, "
+    "watchdog_resets <u4, watchdog_sets 2<u4, watchdog_volts 2<f8, power_up 2<f8, flash <u4, booted <u4, streams <u4, "
+    "target <u4, volts 2<f8, fed_ns <i8, rate <f8, start_ns <i8, written <u8"
+)
+_RESTART = 0.1  # of the device [s]
 
 
 class Outputs:
@@ -234,7 +224,7 @@ class Outputs:
         """Open the file, or make that of a device that has just been switched on."""
         if not path.exists():
             part = path.with_name(f"{path.name}.{os.getpid()}.part")
-            part.write_bytes(OUTPUT_MAGIC + bytes(DATA_OFFSET - len(OUTPUT_MAGIC) + 8 * QUEUE))
+            part.write_bytes(_OUTPUT_MAGIC + bytes(DATA_OFFSET - len(_OUTPUT_MAGIC) + 8 * QUEUE))
             os.replace(part, path)
         self._header = np.memmap(path, OUTPUT_HEADER, "r", shape=(1,))[0]
         self._queue = np.memmap(path, np.float64, "r", offset=DATA_OFFSET, shape=(QUEUE,))
@@ -256,7 +246,7 @@ class Outputs:
         since = (now - int(header["fed_ns"])) * 1e-9 - period
         expired = header["watchdog"] and since > 0.0
         if expired and header["watchdog_resets"]:
-            restarts = since % (int(header["watchdog_startup_s"]) or period) < RESTART
+            restarts = since % (int(header["watchdog_startup_s"]) or period) < _RESTART
             return 0.0 if restarts else float(header["power_up"][output])
         if header["streams"] and header["target"] == output and header["written"]:
             sample = int((now - int(header["start_ns"])) * 1e-9 * float(header["rate"]))

@@ -28,7 +28,7 @@ def stand_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Outputs:
     """Let both vendors' libraries be stand-ins whose files are in `folder`; return what their devices put out."""
     Control(folder / "control").close()
     files = {f"{name}_{what}": folder / what for name in ("ljm", "daqmx") for what in ("control", "output")}
-    for name, value in environment(build(), **files).items():  # type: ignore[arg-type]
+    for name, value in environment(build(), **files).items():
         monkeypatch.setenv(name, value)
     return Outputs(folder / "output")
 

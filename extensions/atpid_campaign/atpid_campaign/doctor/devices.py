@@ -35,7 +35,7 @@ def board(at: Subject) -> Iterator[Finding]:
     with closing(SerialActuator(settings)) as actuator:
         identity = actuator.connect(0)  # raises DriverError: silent, another firmware, limits wider than its own
         faults = in_words(actuator.observe(0).faults)
-    yield judged(f"{identity.name} {identity.version} answers at {settings.port}")
+    yield judged(f"{identity} answers at {settings.port}")
     if faults:
         yield judged(f"it would not be armed: {faults}", "remove the cause (docs/motor_protocol.md)", fails=True)
 

@@ -85,6 +85,7 @@ class ExcitationNode(SupervisedNode):
         self._measured_at = self._seen = self._within = 0
         self._output = Output(ExciterMode.UNCONFIGURED)
         self._open_topics(ExcitationCommand, ExcitationState, 1)
+        self._permit.on_state = self._heed_permit
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
         subscribe(self, SampleBlock, "excitation/signal", self._on_signal, STATUS)
         self._begin()
@@ -284,7 +285,7 @@ class ExcitationNode(SupervisedNode):
         wrong = self._fault or output.mode in (ExciterMode.FAULT, ExciterMode.UNCONFIGURED)
         level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK
         message = self._fault or output.mode.name.lower()
-        return [status(self, "excitation", level, message, values), self._gate.status()]
+        return [status(self, "excitation", level, message, values), self._gate.commander.status()]
 
 
 main: Callable[[], int] = partial(run_node, ExcitationNode, priority=LOOP_PRIORITY)
