@@ -24,9 +24,11 @@ from numba import config, njit, types
 from numba.core.caching import InTreeCacheLocator
 from numba.extending import overload
 
+from atpid_common.entry_points import sources
 from atpid_common.folders import cache_root, content_key
-from atpid_sim.installed_laws import sources
 
+#: Group of the entry points that add a contact law: its name, and the module it is in.
+LAWS = "atpid.contact_laws"
 #: Folder of the cache for each source file.
 _FOLDERS: dict[str, str] = {}
 _NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
@@ -74,7 +76,7 @@ KERNEL_SOURCES = frozenset(
     [
         *(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")),
         *(_HERE / name for name in _SHARED),
-        *sources(),
+        *sources(LAWS),
     ]
 )
 share_cache("kernels", KERNEL_SOURCES)

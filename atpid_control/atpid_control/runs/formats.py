@@ -9,11 +9,11 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Protocol
 
-from atpid_common.errors import not_installed, one_line
+from atpid_common.entry_points import installed, loaded
+from atpid_common.errors import not_installed
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import SQLITE_ENDING, bag_in, find_parts
 from atpid_control.runs.source import Source
@@ -133,20 +133,11 @@ def formats() -> dict[str, Format]:
     Raises BagError naming an entry point that cannot be loaded, is no format, or has the name of another.
     """
     found: dict[str, Format] = {}
-    for point in sorted(set(entry_points(group=GROUP)), key=lambda point: (point.name, point.value)):
-        what = f"format {point.name} ({point.value})"
-        if point.name in found:
-            raise BagError(f"{what}: its name is taken; rename its entry point in the group {GROUP}, or uninstall one")
-        try:
-            loaded: Format = point.load()
-        except Exception as error:  # the package's own code, which may fail in any way
-            reason = one_line(f"{type(error).__name__}: {error}")
-            raise BagError(f"{what}: cannot be loaded: {reason}; reinstall or remove its package") from error
-        if missing := [name for name in _MEMBERS if not hasattr(loaded, name)]:
-            raise BagError(f"{what}: lacks {', '.join(missing)}; needed: what Format has")
-        if loaded.name != point.name:
-            raise BagError(f"{what}: its name is {loaded.name!r}; allowed: the entry point's")
-        found[point.name] = loaded
+    for name, point in installed(GROUP, error=BagError).items():
+        added: Format = loaded(point, _MEMBERS, BagError)
+        if added.name != name:
+            raise BagError(f"format {name} ({point.value}): its name is {added.name!r}; allowed: the entry point's")
+        found[name] = added
     return found
 
 

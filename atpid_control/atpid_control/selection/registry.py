@@ -6,10 +6,11 @@ A scene names the built-in ones (atpid_sim/scene/ceiling.py) or a plug-in; `fixe
 """
 
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
-from atpid_common.errors import AtpidError
+from atpid_common.entry_points import installed, loaded
+from atpid_common.errors import AtpidError, one_line
 from atpid_control.selection.protocol import HeightSelector, Options, SelectionError
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
@@ -74,14 +75,7 @@ def plug_ins() -> dict[str, EntryPoint]:
 
     Raises SelectionError for a name that is taken: by a built-in method, or by another distribution.
     """
-    found: dict[str, EntryPoint] = {}
-    for point in sorted(set(entry_points(group=SELECTORS)), key=lambda point: (point.name, point.value)):
-        if point.name in METHODS or point.name in found:
-            other = f"by {found[point.name].value}" if point.name in found else "by a built-in method"
-            taken = f"selector {point.name}: {point.value} has a name that is taken {other}"
-            raise SelectionError(f"{taken}; rename its entry point in the group {SELECTORS}")
-        found[point.name] = point
-    return found
+    return installed(SELECTORS, METHODS, SelectionError)
 
 
 def methods() -> tuple[str, ...]:
@@ -99,33 +93,26 @@ def make_selector(
     """
     if method in METHODS:
         return METHODS[method](scene, height_map, options)
-    installed = plug_ins()
-    if method not in installed:
-        raise SelectionError(f"method: given {method!r}; allowed: {', '.join((*METHODS, *installed))}")
-    return _plugged_in(installed[method], scene, height_map)
+    added = plug_ins()
+    if method not in added:
+        raise SelectionError(f"method: given {method!r}; allowed: {', '.join((*METHODS, *added))}")
+    return _plugged_in(added[method], scene, height_map)
 
 
 def _plugged_in(point: EntryPoint, scene: Scene, height_map: Path | None) -> HeightSelector:
     """Return the selector of another distribution; whatever is wrong with it is one line."""
+    factory = loaded(point, error=SelectionError)
     what = f"selector {point.name} ({point.value})"
-    try:
-        factory = point.load()
-    except Exception as error:
-        reason = _one_line(error)
-        raise SelectionError(f"{what}: cannot be loaded: {reason}; reinstall or remove its package") from error
     try:
         selector: HeightSelector = factory(scene, height_map)
     except AtpidError:
         raise
     except Exception as error:
-        raise SelectionError(f"{what}: cannot be made for this scene: {_one_line(error)}") from error
+        reason = one_line(f"{type(error).__name__}: {error}")
+        raise SelectionError(f"{what}: cannot be made for this scene: {reason}") from error
     missing = [name for name in ("method", "simulates", "select") if not hasattr(selector, name)]
     if missing:
         raise SelectionError(f"{what}: lacks {', '.join(missing)}; needed: what HeightSelector has")
     if selector.method != point.name:
         raise SelectionError(f"{what}: its method is {selector.method!r}; allowed: the entry point's name")
     return selector
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

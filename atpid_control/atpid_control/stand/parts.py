@@ -15,14 +15,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
 from atpid_common.cli import load
-from atpid_common.errors import not_installed, one_line
+from atpid_common.entry_points import installed, loaded
+from atpid_common.errors import not_installed
 from atpid_common.files import Document
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_common.parameters import Entry
@@ -98,22 +98,18 @@ class AddedPart:
 @cache
 def added_part(name: str) -> AddedPart:
     """Return the node of this name. Raises BenchError: no installed package has it, several do, or it does not load."""
-    found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
-    if len(found) != 1:
-        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else _missing(name))
-    (entry,) = found.values()
-    try:
-        part = entry.load()
-    except Exception as error:  # the package's own code, which may fail in any way
-        raise BenchError(f"{name} of {entry.value} cannot be loaded: {one_line(str(error))}") from error
+    found = installed(GROUP, error=BenchError)
+    if name not in found:
+        raise BenchError(_missing(name))
+    part = loaded(found[name], error=BenchError)
     if not isinstance(part, AddedPart):
-        raise BenchError(f"{name} of {entry.value} is a {type(part).__name__}: it must be an {AddedPart.__name__}")
+        raise BenchError(f"{name} of {found[name].value} is a {type(part).__name__}: it must be an AddedPart")
     return part
 
 
 def is_installed(name: str) -> bool:
     """Return whether a package has the node of this name; nothing is imported."""
-    return bool(entry_points(group=GROUP, name=name))
+    return name in installed(GROUP, error=BenchError)
 
 
 def _missing(name: str) -> str:

@@ -7,9 +7,10 @@ A vendor's package is imported when a device is opened, not before (docs/extend.
 
 from collections.abc import Callable
 from dataclasses import fields
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import NamedTuple
 
+from atpid_common.entry_points import installed, loaded
 from atpid_common.files import Document
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
@@ -45,41 +46,31 @@ BUILT_IN = {
 
 def names() -> tuple[str, ...]:
     """Return the names of all backends, those of entry points after the built-in ones; none is imported."""
-    return (*BUILT_IN, *sorted({entry.name for entry in entry_points(group=_GROUP)} - BUILT_IN.keys()))
+    return (*BUILT_IN, *_added())
+
+
+def _added() -> dict[str, EntryPoint]:
+    return installed(_GROUP, BUILT_IN, SetupRefusedError)
 
 
 def backend(name: str) -> Backend:
     """Return a backend. Raises SetupRefusedError: there is none of this name, several, or it cannot be loaded."""
-    found = {entry.value: entry for entry in entry_points(group=_GROUP, name=name)}
-    if len(found) + (name in BUILT_IN) > 1:
-        places = ", ".join(["the built-in one"] * (name in BUILT_IN) + [_place(entry) for entry in found.values()])
-        raise SetupRefusedError(f"backend {name!r} exists more than once: {places}; rename or uninstall one")
     if name in BUILT_IN:
         return BUILT_IN[name]
-    if not found:
+    if name not in (added := _added()):
         raise SetupRefusedError(f"backend {name!r} is not known: choose one of {', '.join(names())}")
-    (entry,) = found.values()
-    try:
-        loaded = entry.load()
-    except Exception as error:  # the plug-in's own code, which may fail in any way
-        text = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise SetupRefusedError(f"backend {name!r} of {_place(entry)} cannot be loaded: {text}") from error
-    if not isinstance(loaded, Backend):
+    found = loaded(added[name], error=SetupRefusedError)
+    if not isinstance(found, Backend):
         raise SetupRefusedError(
-            f"backend {name!r} of {_place(entry)} is a {type(loaded).__name__}: it must be an "
+            f"backend {name!r} of {added[name].value} is a {type(found).__name__}: it must be an "
             f"{Backend.__module__}.{Backend.__name__}"
         )
-    if "__dataclass_fields__" not in vars(loaded.settings):
+    if "__dataclass_fields__" not in vars(found.settings):
         raise SetupRefusedError(
-            f"backend {name!r} of {_place(entry)}: {loaded.settings.__name__} is no dataclass: put "
+            f"backend {name!r} of {added[name].value}: {found.settings.__name__} is no dataclass: put "
             "@dataclass(frozen=True, kw_only=True) before it"
         )
-    return loaded
-
-
-def _place(entry: EntryPoint) -> str:
-    distribution = f" ({entry.dist.name} {entry.dist.version})" if entry.dist is not None else ""
-    return f"{entry.value}{distribution}"
+    return found
 
 
 def create(name: str, values: dict[str, object]) -> Acquisition:

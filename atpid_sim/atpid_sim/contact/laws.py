@@ -12,8 +12,8 @@ Scenes, integrator and maps take the law from there; `atpid_sim.contact_contract
 from importlib import import_module
 from types import ModuleType
 
-from atpid_common.errors import AtpidError, one_line
-from atpid_sim.installed_laws import GROUP, installed
+from atpid_common.entry_points import installed, loaded
+from atpid_sim import kernel
 
 _BUILT_IN = (
     "impact",
@@ -26,25 +26,12 @@ _BUILT_IN = (
 )
 
 
-def _load(name: str, module: str) -> ModuleType:
-    """Return the module of an installed law; raise AtpidError where it cannot be loaded, or has not what is needed."""
-    where = f"contact law {name} of {module}, an entry point of {GROUP}"
-    try:
-        law = import_module(module)
-    except Exception as error:  # whatever the package's own code raises
-        raise AtpidError(f"{where}: cannot be loaded: {type(error).__name__}: {one_line(str(error))}") from error
-    needed = ("Spec", "force", "detachment_velocity", "energy", "restitution")
-    missing = [needs for needs in needed if not hasattr(law, needs)]
-    if missing or name in _BUILT_IN:
-        raise AtpidError(f"{where}: {'lacks ' + ', '.join(missing) if missing else 'a built-in law has this name'}")
-    return law
-
-
-_INSTALLED = installed()
+_NEEDED = ("Spec", "force", "detachment_velocity", "energy", "restitution")
+_INSTALLED = installed(kernel.LAWS, _BUILT_IN)
 NAMES = (*_BUILT_IN, *_INSTALLED)
 LAWS: tuple[ModuleType, ...] = (
     *(import_module(f"atpid_sim.contact.{name}") for name in _BUILT_IN),
-    *(_load(name, module) for name, module in _INSTALLED.items()),
+    *(loaded(point, _NEEDED) for point in _INSTALLED.values()),
 )
 IMPACT = NAMES.index("impact")
 #: By number: whether the force depends on the deepest overlap of the contact.

@@ -1,0 +1,51 @@
+# Copyright 2026 ATPID maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What installed packages add by entry points (docs/extend.md): found by name, and loaded where it is used."""
+
+from collections.abc import Collection
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from atpid_common.errors import AtpidError, one_line
+
+
+def installed(group: str, taken: Collection[str] = (), error: type[AtpidError] = AtpidError) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name, sorted; nothing is imported.
+
+    Raises `error` for a name that is `taken` by what is built in, or that another package has.
+    """
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(set(entry_points(group=group)), key=lambda point: (point.name, point.value)):
+        if point.name in found or point.name in taken:
+            other = found[point.name].value if point.name in found else "what is built in"
+            raise error(f"{_named(point)}: its name is taken by {other}; rename it, or uninstall one")
+        found[point.name] = point
+    return found
+
+
+def loaded(point: EntryPoint, needed: Collection[str] = (), error: type[AtpidError] = AtpidError) -> Any:
+    """Return the object of an entry point.
+
+    Raises `error` where it cannot be imported, whatever the reason, or has not the attributes that are `needed`.
+    """
+    try:
+        found = point.load()
+    except Exception as problem:  # the package's own code, which may fail in any way
+        reason = one_line(f"{type(problem).__name__}: {problem}")
+        raise error(f"{_named(point)}: cannot be loaded: {reason}; reinstall or remove its package") from problem
+    if missing := [name for name in needed if not hasattr(found, name)]:
+        raise error(f"{_named(point)}: lacks {', '.join(missing)}; needed: {', '.join(needed)} (docs/extend.md)")
+    return found
+
+
+def sources(group: str) -> list[Path]:
+    """Return the files of the modules that the entry points of a group name; nothing of them is run."""
+    found = [find_spec(point.module) for point in installed(group).values()]
+    return [Path(spec.origin) for spec in found if spec is not None and spec.origin is not None]
+
+
+def _named(point: EntryPoint) -> str:
+    package = f" of {point.dist.name} {point.dist.version}" if point.dist is not None else ""
+    return f"{point.name} ({point.value}{package}), an entry point of the group {point.group}"
