@@ -28,7 +28,7 @@ from atpid_control.views.report.page import page
 from atpid_control.views.report.panels import extremes, grain, overview
 from atpid_control.views.report.stages import beside, closed_by_simulation, corners, intervals, measured_decrement
 from atpid_control.views.report.view import View, headline, view_of
-from atpid_control.views.static_page import document, facts, table, warnings
+from atpid_control.views.static_page import rendered
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 
@@ -304,7 +304,8 @@ def test_thinning_keeps_extremes_and_gaps() -> None:
 
 
 def test_what_is_given_is_escaped() -> None:
-    rows = table("<B>", ["<C>"], [["<D>"], [("<E>", "<F>")]])
-    shown = document("<A>", [rows, facts({"<G>": "<H>"}), warnings(["<I>"])])
-    assert re.findall(r"<[A-I]>", shown) == []
-    assert set(re.findall(r"&lt;([A-I])&gt;", shown)) == set("ABCDEFGHI")
+    rows = [{"<C>": cell} for cell in ("<D>", ("<E>", "<F>"), {"text": "<G>", "address": "<H>"})]
+    names = {"title": "<A>", "notes": ["<B>"], "panels": "", "rows": rows}
+    shown = rendered("results.html", "atpid_control.views.report", names)
+    assert re.findall(r"<[A-H]>", shown) == []
+    assert set(re.findall(r"&lt;([A-H])&gt;", shown)) == set("ABCDEFGH")

@@ -6,7 +6,6 @@ import argparse
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -16,7 +15,7 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
-from atpid_control.views.static_page import document, drawn, facts, table, warnings
+from atpid_control.views.static_page import drawn, rendered
 from atpid_sim.figure_style import Panels, save_panels
 
 _WIDTH = 110
@@ -103,15 +102,15 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
 def _page(shown: Shown, missing: Iterable[str]) -> str:
     """Return the results as a page: the panels, the table, the notes."""
     heads = [str(column.header) for column in shown.table.columns]
-    rows = zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True)
-    parts = (
-        f"<h1>{escape(shown.title)}</h1>",
-        warnings([*shown.notes, *(f"missing: {line}" for line in missing)]),
-        drawn(shown.panels),
-        "<h2>In numbers</h2>",
-        table(shown.title, heads, rows) if any(heads) else facts(rows),
-    )
-    return document(shown.title, parts, "ol.events li{grid-template-columns:10px 1fr} td{white-space:normal}")
+    rows = list(zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True))
+    names = {
+        "title": shown.title,
+        "notes": [*shown.notes, *(f"missing: {line}" for line in missing)],
+        "panels": drawn(shown.panels),
+        "rows": [dict(zip(heads, row, strict=True)) for row in rows if any(heads)],
+        "facts": [] if any(heads) else rows,
+    }
+    return rendered("results.html", "atpid_control.views.report", names)
 
 
 def print_missing(lines: Iterable[str], file: TextIO | None = None) -> None:

@@ -245,9 +245,7 @@ def rows_of(step: Step, run: Run, expected: Expected) -> list[Row]:
         return [Row(step.title, str(error), "a recording that shows it", False, "repeat the step")]
 
 
-def _near(
-    what: str, found: float, expected: float, unit: str, share: float, remedy: str, std: float = 0.0
-) -> Row:  # fmt: skip
+def _near(what: str, found: float, expected: float, unit: str, share: float, remedy: str, std: float = 0.0) -> Row:
     """Return a figure that may differ from the expected one by a share of it, and by three standard deviations."""
     shown = f"{found:.4g}" + (f" ± {std:.1g}" if std else "")
     near = bool(abs(found - expected) <= share * expected + 3.0 * std)

@@ -76,11 +76,11 @@ def run(args: argparse.Namespace) -> int:
     from atpid_design.files import write
 
     written = write(made, args.out)
-    console = Console(width=max(Console().width, 120), highlight=False)
+    console = Console(width=max(Console().width, 120), highlight=False, markup=False)
     for shown in (_summary(made), _over_amplitudes(made)):
         console.print(shown)
     for line in made.warnings:
-        console.print(f"warning: {line}", markup=False, soft_wrap=True)
+        console.print(f"warning: {line}", soft_wrap=True)
     for path in written:
         print(path)
     return 0
@@ -130,22 +130,22 @@ def _summary(made: Design) -> Table:
     from atpid_design.picture import mass
 
     drive, (low, high) = made.motor, made.heights
+    closed = f"{2e3 * made.radius:.1f} mm"
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
-    table.add_row("grain", f"{mass(made.grain_mass)}, {100 * made.mass_fraction:.3g} % of beam and grain, "
-                  f"diameter {2e3 * made.radius:.1f} mm")  # fmt: skip
+    share = f"{100 * made.mass_fraction:.3g} % of beam and grain"
+    table.add_row("grain", f"{mass(made.grain_mass)}, {share}, diameter {closed}")
     table.add_row("structure", structure(made.problem))
-    table.add_row("excitation", f"{tone(made)}; the resonance moves from {made.problem.frequency:.2f} to "
-                  f"{made.resonance:.2f} Hz, damper closed")  # fmt: skip
-    table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed "
-                  f"{2e3 * made.radius:.1f} mm; an error of {1e3 * drive.height_error:.2g} mm costs "
-                  "2 points")  # fmt: skip
-    table.add_row("speed of the ceiling", f"{1e3 * drive.speed:.3g} mm/s, to follow in {drive.time_constant:.3g} s; "
-                  f"screw with {1e3 * drive.lead:g} mm lead, gear {drive.gear:.3g} at {drive.motor_speed:g} 1/min, "
-                  f"{drive.power:.2g} W")  # fmt: skip
-    table.add_row("largest forces", f"ceiling {drive.force:.4g} N, floor {drive.floor_force:.4g} N; "
-                  f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm")  # fmt: skip
-    table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average; "
-                  f"peak pressure {1e-6 * drive.pressure:.3g} MPa")  # fmt: skip
+    moves = f"the resonance moves from {made.problem.frequency:.2f} to {made.resonance:.2f} Hz, damper closed"
+    table.add_row("excitation", f"{tone(made)}; {moves}")
+    error = f"an error of {1e3 * drive.height_error:.2g} mm costs 2 points"
+    table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed {closed}; {error}")
+    speed = f"{1e3 * drive.speed:.3g} mm/s, to follow in {drive.time_constant:.3g} s"
+    screw = f"screw with {1e3 * drive.lead:g} mm lead, gear {drive.gear:.3g} at {drive.motor_speed:g} 1/min"
+    table.add_row("speed of the ceiling", f"{speed}; {screw}, {drive.power:.2g} W")
+    lever = f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm"
+    table.add_row("largest forces", f"ceiling {drive.force:.4g} N, floor {drive.floor_force:.4g} N; {lever}")
+    rate = f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average"
+    table.add_row("impacts on the ceiling", f"{rate}; peak pressure {1e-6 * drive.pressure:.3g} MPa")
     table.add_row("beside a tuned mass", verdict(made.tuned_mass.rows))
     table.add_row("comes back after", comes_back(made))
     table.add_row("time", f"{made.wall_s:.1f} s")
@@ -153,23 +153,17 @@ def _summary(made: Design) -> Table:
 
 
 def _over_amplitudes(made: Design) -> Table:
-    from atpid_design.page import acceleration, span
+    """Return the promise, a column an amplitude; beneath what is expected the least and the largest."""
+    from atpid_design.page import promise
 
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    scale, unit = made.problem.unit
-    for name in (f"{made.problem.drive}\n[{unit}]", "height\n[mm]", "structure\n(at most) [mm]", "\n[g]", "today\n[mm]",
-                 "reduction [%]\n(all cases)", "efficiency [%]\n(all cases)",
-                 "ceiling\nbears [N]", "floor\nbears [N]"):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in made.points:
-        beam = one.beam_amplitude
-        table.add_row(
-            f"{scale * one.amplitude:.3g}", f"{1e3 * one.height:.1f}",
-            f"{1e3 * beam.expected:.3g} ({1e3 * beam.high:.3g})",
-            f"{acceleration(one, beam.high):.2g}", f"{1e3 * one.bare_amplitude.expected:.3g}",
-            span(one.reduction, 100.0, ".0f"), span(one.efficiency, 100.0, ".0f"), f"{one.ceiling_force.high:.4g}",
-            f"{one.floor_force:.4g}",
-        )  # fmt: skip
+    heads, rows = list(promise(made)[0]), [list(row.values()) for row in promise(made)]
+    first, *lines = [
+        [head, *(cell if isinstance(cell, str) else "\n".join(cell) for cell in cells)]
+        for head, *cells in zip(heads, *rows, strict=True)
+    ]
+    table = Table(*first, box=SIMPLE_HEAD, pad_edge=False)
+    for line in lines:
+        table.add_row(*line)
     return table
 
 
@@ -212,10 +206,11 @@ def comes_back(made: Design) -> str:
     At each amplitude of the design, at its height. Raises NumericalFailure.
     """
     found = [
-        basin(scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency),
-              Starts(KICK))
+        basin(
+            scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency), Starts(KICK)
+        )
         for one in made.points
-    ]  # fmt: skip
+    ]
     come = [one for one in found if one.starts]
     none = f"no steady motion at {len(found) - len(come)} of {len(found)} amplitudes" if len(come) < len(found) else ""
     if not come:

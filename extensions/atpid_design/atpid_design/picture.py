@@ -106,8 +106,7 @@ def _cliff(axes: Any, made: Design) -> None:
 
 def _beam(axes: Any, made: Design) -> None:
     x = _levels(made)
-    axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=LIGHT.given_text, lw=1.4,
-              label="damper closed")  # fmt: skip
+    axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=LIGHT.given_text, lw=1.4, label="damper closed")
     axes.plot(x, [1e3 * p.bare_amplitude.expected for p in made.points], color=LIGHT.accent, lw=1.4,
               label="today, without the damper")  # fmt: skip
     _band(axes, x, [p.beam_amplitude for p in made.points], 1e3, "with the damper")

@@ -124,9 +124,9 @@ class Problem(SceneBlock):
         description="friction coefficient of the grain on a side wall, where gravity is not along the motion [-]",
     )
     slope: Annotated[Number, within(0.0, 1e6)] = Field(
-        default=0.0, description="rotation of the container over its displacement, of a cantilever 1.5 over the length "
-        "[rad/m]",
-    )  # fmt: skip
+        default=0.0,
+        description="rotation of the container over its displacement, of a cantilever 1.5 over the length [rad/m]",
+    )
     max_mass_fraction: Annotated[Fraction, within(0.01, 0.6)] = Field(
         default=0.3, description="largest grain mass over the mass of beam and grain [-]"
     )
@@ -152,9 +152,10 @@ class Problem(SceneBlock):
             if not least <= low <= high <= most:
                 given = Words(f"{low:g}:{high:g}" if low != high else f"{low:g}")
                 raise impossible(
-                    "excitation_frequency", given,
+                    "excitation_frequency",
+                    given,
                     f"HZ, or LO:HI with LO below HI, from {least:g} to {most:g} Hz, half to twice --frequency",
-                )  # fmt: skip
+                )
         return self
 
     @property

@@ -206,12 +206,11 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
         damping=2.0 * mass * own * tuning.damping,
         damping_ratio=tuning.damping / tuning.frequency,
         band=(band[0] * problem.frequency, band[1] * problem.frequency),
-        stroke=last.amplitude * float(
-            _tuned(problem, fraction, tuning, NOMINAL).stroke(last.frequency / problem.frequency)
-        ),
+        stroke=last.amplitude
+        * float(_tuned(problem, fraction, tuning, NOMINAL).stroke(last.frequency / problem.frequency)),
         rows=[rows[k] for k in range(len(changes))],
         over_frequency=[rows[k] for k in range(len(changes), len(jobs))],
-    )  # fmt: skip
+    )
 
 
 def _band(problem: Problem) -> tuple[float, float]:

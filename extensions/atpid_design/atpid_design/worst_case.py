@@ -166,9 +166,7 @@ def response_of(one: Case, amplitude: float, height: float, approach: Approach =
     )  # fmt: skip
 
 
-def rated_heights(
-    structures: Structures, amplitude: float, best: Best, every: int = 1
-) -> dict[float, list[Response]]:  # fmt: skip
+def rated_heights(structures: Structures, amplitude: float, best: Best, every: int = 1) -> dict[float, list[Response]]:
     """Return {height [m]: responses of `structures.every`}, from the bare optimum down.
 
     Heights are added until the best lies inside; every: 2 leaves out each second one. Raises NumericalFailure.

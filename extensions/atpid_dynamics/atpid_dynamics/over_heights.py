@@ -137,8 +137,9 @@ def _job(rows: Sequence[_Row], job: tuple[int, int]) -> HeightSweep:
 def _joined(parts: Sequence[HeightSweep]) -> HeightSweep:
     arrays = {
         one.name: np.concatenate([getattr(part, one.name) for part in parts])
-        for one in fields(HeightSweep) if one.name != "fidelity"
-    }  # fmt: skip
+        for one in fields(HeightSweep)
+        if one.name != "fidelity"
+    }
     return HeightSweep(**arrays, fidelity=parts[0].fidelity)
 
 

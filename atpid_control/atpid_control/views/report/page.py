@@ -2,16 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the report of a bag: pictures, and a page, light or dark by the reader's setting, of data/report.html."""
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from plotly.offline import get_plotlyjs
 
 from atpid_common.errors import InputError
 from atpid_common.vocabulary import Drive
@@ -24,7 +19,7 @@ from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
 from atpid_control.views.report.stages import Closed, Printed, Stage, measured_decrement
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
-from atpid_control.views.static_page import colours, style_sheet
+from atpid_control.views.static_page import rendered
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.quantities import modes_in
@@ -42,13 +37,7 @@ def page(view: View) -> str:
     shown = {name: charts.draw(chart) for name, chart in drawn.items() if chart is not None}
     modes = modes_in(view.run.scene) if view.run.scene is not None else []
     shown |= {"spectra": charts.spectra(analysis, [mode.frequency for mode in modes])} if analysis is not None else {}
-    # a closing tag inside the text would end the script element
-    data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    code = {"colours": colours(), "style": style_sheet(), "figures": data, "library": get_plotlyjs(),
-            "script": files(__package__).joinpath("data", "page.js").read_text(encoding="utf-8")}  # fmt: skip
-    pages = Environment(loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined,
-                        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # fmt: skip
-    return pages.get_template("report.html").render(contents(view, analysis) | code)
+    return rendered("report.html", __package__, contents(view, analysis), shown)
 
 
 def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
@@ -56,7 +45,7 @@ def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
     real_time = view.run.about.get("clock") == "real time"
     printed: Sequence[Printed | None] = view.printed or [None] * len(view.stages)
     return {
-        "view": view, "headline": headline(view), "origin": origin_of(view), "tiles": list(_tiles(view)),
+        "view": view, "title": headline(view), "origin": origin_of(view), "tiles": list(_tiles(view)),
         "columns": [name.format(view.run.drive.name) for name in _COLUMNS],
         "stages": [_cells(view.run.drive, *row) for row in zip(view.stages, printed, strict=True)],
         "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
@@ -112,14 +101,19 @@ def _tile(
     return {"value": value, "what": what, "below": below, "reference": reference, "measured": said}
 
 
-def _modes(scene: Scene | None) -> list[list[str]]:
+def _modes(scene: Scene | None) -> list[dict[str, str]]:
     """Return the rows of the table of modes; none where there is one."""
     found = modes_in(scene) if scene is not None else []
     return [
-        [number(mode.frequency, ".5g", "Hz"), number(mode.held_frequency, ".5g", "Hz"), number(mode.mass, ".4g", "kg"),
-         number(100.0 * mode.damping_ratio, ".3g", "%"), number(mode.drive_factor, ".4g", "").strip()]
+        {
+            "frequency": number(mode.frequency, ".5g", "Hz"),
+            "with the grain held": number(mode.held_frequency, ".5g", "Hz"),
+            "mass": number(mode.mass, ".4g", "kg"),
+            "damping ratio": number(100.0 * mode.damping_ratio, ".3g", "%"),
+            "drive": number(mode.drive_factor, ".4g", "").strip(),
+        }
         for mode in (found if len(found) > 1 else ())
-    ]  # fmt: skip
+    ]
 
 
 def _energy(run: Run) -> dict[str, Any] | None:

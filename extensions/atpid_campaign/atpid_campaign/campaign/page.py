@@ -1,18 +1,15 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a campaign: its curves with error bars beside simulation of the same points, each with its own report."""
+"""The page of a campaign, of data/campaign.html: curves with error bars beside simulation of the same points."""
 
 import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 from typing import Any
-
-from plotly.offline import get_plotlyjs
 
 from atpid_campaign.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
 from atpid_campaign.campaign.plan import Campaign
@@ -20,7 +17,7 @@ from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.page import PAGE, report
-from atpid_control.views.static_page import Link, document, facts, table, warnings
+from atpid_control.views.static_page import rendered
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress
 
@@ -33,12 +30,6 @@ _AXES = (
     ("wanted_grain_mass", "mass of the grain, g", 1e3, "Efficiency over the grain's mass"),
     ("wanted_amplitude", "amplitude of the excitation, {}", 1.0, "Efficiency over the amplitude"),
     ("wanted_ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
-)
-_HEADS = ("frequency [Hz]", "height [mm]", "beam [mm]", "simulated [mm]", "apart", "efficiency [%]", "motion",
-          "attempt")  # fmt: skip
-_CLICK = (
-    'document.querySelectorAll(".chart").forEach((chart) => chart.on("plotly_click", (event) => {'
-    " const page = event.points[0].customdata; if (page) location.href = page; }));"
 )
 
 
@@ -102,44 +93,41 @@ def write_page(campaign: Campaign, scene: Scene, folder: CampaignFolder, progres
 
 def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], unit: str) -> str:
     figures = dict(_figures(rows, unit))
-    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
-               if one["status"] == SKIPPED]  # fmt: skip
-    damaged = [f"point {number}: left out, damaged: {wrong}" for number, wrong in folder.damaged.items()]
-    code = json.dumps(finite(figures), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    script = files("atpid_control.views.report").joinpath("data", "page.js").read_text(encoding="utf-8")
+    skipped = [
+        f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values() if one["status"] == SKIPPED
+    ]
     about = {
-        "stand": campaign.stand, "points": f"{len(rows)} measured, {len(skipped)} skipped",
+        "stand": campaign.stand,
+        "points": f"{len(rows)} measured, {len(skipped)} skipped",
         "agreement": f"{agreeing(rows)} of {len(rows)} within {AGREE:g} standard deviations of simulation",
-    }  # fmt: skip
-    charts = (
-        f'<figure><div class="chart" id="{name}" role="img" aria-label="{title}"></div></figure>'
-        for name, _, _, title in _AXES
-        if name in figures
-    )
-    return document("A stand over many points", [
-        "<header><h1>A stand over many points</h1><p>Marks: measured. Lines: simulation of the same points. Bars: "
-        "one standard deviation. A click on a mark, or a link in the table, leads to the point's report.</p>"
-        "</header>", facts(about), warnings(skipped + damaged), *charts,
-        '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
-        "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
-        table("Every point", ("point", f"excitation [{unit}]", *_HEADS), (_row(row, unit) for row in rows)),
-        f"<script>{get_plotlyjs()}</script>", f'<script type="application/json" id="figures">{code}</script>',
-        f"<script>{script}{_CLICK}</script>",
-    ])  # fmt: skip
+    }
+    names = {
+        "title": "A stand over many points",
+        "about": about,
+        "wrong": [*skipped, *(f"point {n}: left out, damaged: {wrong}" for n, wrong in folder.damaged.items())],
+        "charts": {name: title for name, _, _, title in _AXES if name in figures},
+        "rows": [_row(row, unit) for row in rows],
+    }
+    return rendered("campaign.html", "atpid_campaign", names, figures)
 
 
 def _address(row: Record) -> str:
     return f"points/{row['number']:04d}/report/{PAGE}"
 
 
-def _row(row: Record, unit: str) -> list[str | Link]:
-    return [
-        Link(row["point"].replace(" at", f" {unit} at", 1), _address(row)), f"{row['excitation_amplitude']:.5g}",
-        f"{row['excitation_frequency']:.4f}", f"{1e3 * row['height']:.4g}",
-        _with_error(row, "beam_amplitude", 1e3), _with_error(row, "simulated_amplitude", 1e3),
-        f"{row['apart']:+.1f}".replace("-", "−"), _with_error(row, "efficiency", 100.0),
-        "regular" if row["regular"] else "irregular", str(row["attempt"]),
-    ]  # fmt: skip
+def _row(row: Record, unit: str) -> dict[str, str | dict[str, str]]:
+    return {
+        "point": {"text": row["point"].replace(" at", f" {unit} at", 1), "address": _address(row)},
+        f"excitation [{unit}]": f"{row['excitation_amplitude']:.5g}",
+        "frequency [Hz]": f"{row['excitation_frequency']:.4f}",
+        "height [mm]": f"{1e3 * row['height']:.4g}",
+        "beam [mm]": _with_error(row, "beam_amplitude", 1e3),
+        "simulated [mm]": _with_error(row, "simulated_amplitude", 1e3),
+        "apart": f"{row['apart']:+.1f}".replace("-", "−"),
+        "efficiency [%]": _with_error(row, "efficiency", 100.0),
+        "motion": "regular" if row["regular"] else "irregular",
+        "attempt": str(row["attempt"]),
+    }
 
 
 def _with_error(row: Record, name: str, scale: float) -> str:
@@ -175,8 +163,9 @@ def _alike(key: str, unit: str, row: Record) -> str:
     """Return what points of one curve over `key` have in common, in words."""
     ceiling = row["wanted_ceiling"]
     named = {
-        "wanted_amplitude": f"{row['wanted_amplitude']:g} {unit}", "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
+        "wanted_amplitude": f"{row['wanted_amplitude']:g} {unit}",
+        "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
         "height": f"{ceiling:g} m" if isinstance(ceiling, float) else ceiling,
         "wanted_grain_mass": f"{1e3 * row['wanted_grain_mass']:.4g} g",
-    }  # fmt: skip
+    }
     return ", ".join(text for name, text in named.items() if name != key)

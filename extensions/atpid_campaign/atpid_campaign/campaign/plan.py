@@ -32,9 +32,7 @@ class CampaignError(InputError):
     """A campaign that cannot be run as asked: what was given, what is allowed, what to do."""
 
 
-Height = Annotated[
-    Annotated[Length, Tag("<number>")] | Annotated[Literal["closed", "none"], Tag("<word>")], by_type
-]  # fmt: skip
+Height = Annotated[Annotated[Length, Tag("<number>")] | Annotated[Literal["closed", "none"], Tag("<word>")], by_type]
 Method = Literal["lookup", "pca", "direct"]
 Amplitude = Annotated[Number, within(1e-9, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
 Share = Annotated[Number, within(1e-6, 0.5, hint="a share: 1 % is 0.01")]
@@ -216,8 +214,9 @@ def points_of(campaign: Campaign, scene: Scene) -> list[Point]:
     """Return all points in the order in which they are measured; each keeps its number in any order."""
     axes = campaign.axes
     # without a grain there are no masses of it
-    places = [place for place in _serpentine([len(axis) for axis in axes])
-              if axes[2][place[2]] != "none" or place[0] == 0]  # fmt: skip
+    places = [
+        place for place in _serpentine([len(axis) for axis in axes]) if axes[2][place[2]] != "none" or place[0] == 0
+    ]
     numbers = {place: number for number, place in enumerate(sorted(places), 1)}
     if campaign.order == "random":
         places = random.Random(campaign.seed).sample(sorted(places), len(places))

@@ -231,10 +231,11 @@ def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> di
         if error > 0.0 and not (place == 2 and given[2] <= lowest + 2.0 * error):  # a closed ceiling holds the grain
             parts.append(abs(steady_amplitude(own, beside, campaign.rules.measure_periods)[0] - found))
     return {
-        "simulated_amplitude": found, "simulated_amplitude_std": math.hypot(*parts),
+        "simulated_amplitude": found,
+        "simulated_amplitude_std": math.hypot(*parts),
         "closed_amplitude": own.linear_amplitude(*given[:2], grain=True),
         "bare_amplitude": own.linear_amplitude(*given[:2], grain=False),
-    }  # fmt: skip
+    }
 
 
 def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tuple[float, float]:
@@ -260,6 +261,7 @@ def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tupl
     except NumericalFailure:
         return math.nan, math.nan
     length = round(periods * _SAMPLES)
-    parts = [amplitude_of(beam[at : at + length], rate, frequency).value
-             for at in range(0, beam.size - length + 1, length)]  # fmt: skip
+    parts = [
+        amplitude_of(beam[at : at + length], rate, frequency).value for at in range(0, beam.size - length + 1, length)
+    ]
     return float(np.mean(parts)), float(np.std(parts, ddof=1))

@@ -53,8 +53,9 @@ def _closed(at: Subject, port: Path) -> Finding | None:
         group = "dialout"  # on other distributions uucp
         with suppress(KeyError):
             group = grp.getgrgid(port.stat().st_gid).gr_name
-        return judged(f"{port} may not be opened by this user", f"sudo usermod -aG {group} $USER, then log in again",
-                      fails=True)  # fmt: skip
+        return judged(
+            f"{port} may not be opened by this user", f"sudo usermod -aG {group} $USER, then log in again", fails=True
+        )
     device, holders = str(port.resolve()), []
     for process in at.files("proc/[0-9]*"):
         with suppress(OSError):  # of another user, or ended
@@ -78,8 +79,9 @@ def labjack(at: Subject) -> Iterator[Finding]:
     """Check LabJack's library, the rights to its USB devices, and the T7 itself, which is opened and closed."""
     yield from _opened(at, "labjack_node")
     if not any(at.files(f"{folder}/udev/rules.d/*abjack*") for folder in ("etc", "lib", "usr/lib")):
-        yield judged("no udev rule of LabJack: its USB devices are root's", "install LJM with its own installer",
-                     degrades=True)  # fmt: skip
+        yield judged(
+            "no udev rule of LabJack: its USB devices are root's", "install LJM with its own installer", degrades=True
+        )
 
 
 def ni(at: Subject) -> Iterator[Finding]:

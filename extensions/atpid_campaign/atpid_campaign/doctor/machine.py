@@ -73,8 +73,9 @@ def workspace(at: Subject) -> Iterator[Finding]:
         _ = part.executable  # raises BenchError
     missing = [name for name in ("env", "setpriv") if shutil.which(name) is None]
     if missing:
-        yield judged(f"{', '.join(missing)} not on the path: no node can be started", "sudo apt install util-linux",
-                     fails=True)  # fmt: skip
+        yield judged(
+            f"{', '.join(missing)} not on the path: no node can be started", "sudo apt install util-linux", fails=True
+        )
     folder = _workspace()
     machine = runpy.run_path(str(folder / "machine.py"))  # of set-up, whose keys these are
     built = set(machine["read_stamp"](folder / "install/stamp").split())
@@ -83,8 +84,9 @@ def workspace(at: Subject) -> Iterator[Finding]:
     stale = [path.name for path in sources if machine["package_key"](path) not in built]
     yield judged(f"sourced; older than its sources: {', '.join(stale) or 'none'}", "make setup", degrades=bool(stale))
     if not Path(__file__).resolve().is_relative_to(folder.parent):
-        yield judged("code of another folder runs than that of the workspace", "take it out of PYTHONPATH",
-                     degrades=True)  # fmt: skip
+        yield judged(
+            "code of another folder runs than that of the workspace", "take it out of PYTHONPATH", degrades=True
+        )
 
 
 def middleware(at: Subject) -> Iterator[Finding]:
@@ -116,8 +118,9 @@ def _network(at: Subject) -> Iterator[Finding]:
     profile = os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(PROFILE))
     local = given in ("LOCALHOST", "OFF") or os.environ.get("ROS_LOCALHOST_ONLY") == "1"
     if not Path(profile).is_file():
-        yield judged(f"{profile}, the profile of Fast DDS, is missing", "unset FASTRTPS_DEFAULT_PROFILES_FILE",
-                     fails=True)  # fmt: skip
+        yield judged(
+            f"{profile}, the profile of Fast DDS, is missing", "unset FASTRTPS_DEFAULT_PROFILES_FILE", fails=True
+        )
     wide = given == "SUBNET" and not local
     weak = " to every computer of the network" + ", with wheels that lack fixes of 2025" * _of_wheels()
     yield judged(f"range of discovery {given}{weak * wide}",
@@ -134,8 +137,9 @@ def _network(at: Subject) -> Iterator[Finding]:
 def nodes(at: Subject) -> Iterator[Finding]:
     """Check that no node of the stand runs already."""
     found = at.running()
-    yield judged(f"run already: {', '.join(found) or 'none'}", "end them, or set another ROS_DOMAIN_ID",
-                 fails=bool(found))  # fmt: skip
+    yield judged(
+        f"run already: {', '.join(found) or 'none'}", "end them, or set another ROS_DOMAIN_ID", fails=bool(found)
+    )
 
 
 def scene(at: Subject) -> Iterator[Finding]:

@@ -298,6 +298,4 @@ class NiStream(_Streamed):
         return task, writer
 
 
-OUTLETS: dict[str, type[_T7 | NiStream]] = {
-    "labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream,
-}  # fmt: skip
+OUTLETS: dict[str, type[_T7 | NiStream]] = {"labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream}

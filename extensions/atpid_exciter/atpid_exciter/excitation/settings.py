@@ -39,17 +39,20 @@ class ExcitationSettings(SupervisedSettings):
     frequency_rate: float = described(
         "the frequency changes no faster; a faster sweep is refused", "Hz/s", 1e-4, 1e4, default=1.0
     )
-    stop_time: float = described("from any output to none, after a stop and without commands", "s", 0.01, 0.15,
-                                 default=0.05)  # fmt: skip
+    stop_time: float = described(
+        "from any output to none, after a stop and without commands", "s", 0.01, 0.15, default=0.05
+    )
     rate: float = described("states published per second; not used in lockstep", "Hz", 20.0, 200.0, default=20.0)
     stale_timeout: float = described(
         "silence of excitation/command after which the output ramps down; not used in lockstep", "s", 0.1, 60.0,
         default=1.2,
     )  # fmt: skip
-    hold_tolerance: float = described("with hold: amplitude and frequency are held within this share", "-", 1e-4, 0.5,
-                                      default=0.01)  # fmt: skip
-    most_correction: float = described("with hold: the output is at most this many times the command's, or its inverse",
-                                       "-", 1.0, 100.0, default=3.0)  # fmt: skip
+    hold_tolerance: float = described(
+        "with hold: amplitude and frequency are held within this share", "-", 1e-4, 0.5, default=0.01
+    )
+    most_correction: float = described(
+        "with hold: the output is at most this many times the command's, or its inverse", "-", 1.0, 100.0, default=3.0
+    )
     hold_timeout: float = described(
         "with hold: so long without a usable estimate, and five periods at least, end the output", "s", 0.2, 60.0,
         default=2.0,
@@ -64,8 +67,9 @@ class ExcitationSettings(SupervisedSettings):
     calibration_folder: str = described("folder of that file; empty: that of the package's files", default="")
     terminal: str = described("analogue output: DAC0 or DAC1 of a T7, cDAQ1Mod4/ao0 of an NI module", default="DAC0")
     serial: int = described("serial number of the T7; 0: any", "", 0, 2**31 - 1, default=0)
-    connection: str = described("how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"),
-                                default="ANY")  # fmt: skip
+    connection: str = described(
+        "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI"), default="ANY"
+    )
     sample_rate: float = described("samples per second of a streamed output", "Hz", 100.0, 50_000.0, default=2000.0)
     watchdog: int = described(
         "the T7 itself lets its outputs rest after this silence, where all processes are gone; LabJack advises against "

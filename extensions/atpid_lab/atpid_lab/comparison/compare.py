@@ -112,8 +112,9 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
     rows = [*_rows(runs), *_difference_rows(runs, difference)]
-    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)),
-                    runs[0].missing + runs[1].missing)  # fmt: skip
+    return Compared(
+        (runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)), runs[0].missing + runs[1].missing
+    )
 
 
 def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:

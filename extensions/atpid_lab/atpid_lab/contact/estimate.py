@@ -149,8 +149,9 @@ def pressed(restitution: float) -> tuple[float, float]:
             now = max(force(y[0], y[1]), 0.0)
             return [y[1], push - now, now, now * time]
 
-        impulse, moment = solve_ivp(slope, (0.0, 99.0), [1e-12, 1.0, 0.0, 0.0], events=vanishes, rtol=1e-8,
-                                    atol=1e-12).y[2:, -1]  # fmt: skip
+        impulse, moment = solve_ivp(
+            slope, (0.0, 99.0), [1e-12, 1.0, 0.0, 0.0], events=vanishes, rtol=1e-8, atol=1e-12
+        ).y[2:, -1]
         centre = moment / impulse
         before = 1.0 + push * centre
         return np.array([impulse / before - 1.0, math.log(centre + 0.5 * push * centre**2) - 0.8 * math.log(before)])

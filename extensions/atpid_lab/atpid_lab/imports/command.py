@@ -117,9 +117,7 @@ def _plain(path: Path, series: Series, given: Given) -> _Channel:
     return _Channel(name or "channel", unit, factor, series, source)
 
 
-def _chosen(
-    read: list[tuple[Path, Series]], wanted: Sequence[tuple[str, str]], given: Given
-) -> list[_Channel]:  # fmt: skip
+def _chosen(read: list[tuple[Path, Series]], wanted: Sequence[tuple[str, str]], given: Given) -> list[_Channel]:
     channels, used = [], set[int]()
     for name, column in wanted:
         path, series, stated = _found(read, name, column)
@@ -145,8 +143,7 @@ def _found(read: list[tuple[Path, Series]], name: str, column: str) -> tuple[Pat
     words = column.split(":")  # which a column's name may hold
     for count in range(len(words), 0, -1):
         one = ":".join(words[:count])
-        fits = [(path, series) for path, series in read
-                if f"/{path.name}/{series.name}".endswith(f"/{one}")]  # fmt: skip
+        fits = [(path, series) for path, series in read if f"/{path.name}/{series.name}".endswith(f"/{one}")]
         if len(fits) > 1:
             names = ", ".join(f"{path.name}/{series.name}" for path, series in fits)
             raise BagError(f"--channels {name}: given {one}, which several files or groups have: {names[:200]}")

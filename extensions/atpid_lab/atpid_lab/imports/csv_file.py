@@ -101,8 +101,9 @@ def _from(
     width, body = len(rows[first]), [row for row in rows[first : first + _LINES] if row != [""]]
     same = [row for row in body if len(row) == width]
     kinds = [[_kind(cell, decimal) for cell in column] for column in zip(*same, strict=True)]
-    texts, dates = ([place for place, kind in enumerate(kinds) if kind.count(which) > 0.5 * len(kind)]
-                    for which in ("text", "date"))  # fmt: skip
+    texts, dates = (
+        [place for place, kind in enumerate(kinds) if kind.count(which) > 0.5 * len(kind)] for which in ("text", "date")
+    )
     wrong = sum(kind.count("text") for place, kind in enumerate(kinds) if place not in texts)
     odd = any(kind[0] == "text" for place, kind in enumerate(kinds) if place not in texts)
     if odd or len(same) < max(2, 0.9 * len(body) - 1) or len(texts) == width or wrong > 0.1 * len(same) * width:

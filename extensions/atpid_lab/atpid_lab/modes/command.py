@@ -172,10 +172,11 @@ def _lines(chosen: dict[str, Any], forced: bool) -> list[str]:
 
 
 CANTILEVER = Command(
-    _add_cantilever, _run_cantilever,
+    _add_cantilever,
+    _run_cantilever,
     "--length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
     "--damping-ratio 0.024 --modes 3",
-)  # fmt: skip
+)
 FILE = Command(
     _add_file, _run_file, "modes.unv --container 12:z --modes 4 --scene scenes/standard.yaml --out my_beam.yaml"
 )

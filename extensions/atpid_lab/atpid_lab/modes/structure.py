@@ -75,9 +75,10 @@ def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bo
         "left_of_compliance": 1.0 - sum(1.0 / mode.stiffness for mode in modes) / structure.compliance,
         "next_mode": next((mode._asdict() for mode in structure.modes[count:]), None),
         "notes": structure.notes,
-        "blocks": {"beam": beam} | ({"further_modes": further} if further else {})
+        "blocks": {"beam": beam}
+        | ({"further_modes": further} if further else {})
         | ({"drive": "force"} if forced else {}),
-    }  # fmt: skip
+    }
 
 
 def merged(scene: Scene, blocks: dict[str, Any], source: str) -> dict[str, Any]:
