@@ -27,6 +27,13 @@ from atpid_sim.scene.scene import explained
 from atpid_sim.scene.structure import Beam, FurtherMode
 from atpid_sim.scene.yaml12 import read_yaml
 
+#: Options that are fields of `Problem`, each with what stands for its value in the help.
+_OPTIONS = (
+    "mass KG, frequency HZ, damping RATIO, restitution E, young-modulus PA, density KG/M3, gravity G, "
+    "side-friction MU, slope RAD/M, max-mass-fraction SHARE, max-height M, target-reduction SHARE, "
+    "target-efficiency SHARE, lever M, motor-speed 1/MIN, yield-strength PA, amplitudes LO:HI, "
+    "excitation-frequency HZ|LO:HI"
+)
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
 #: Arguments of the example in the help.
 EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out out/design"
@@ -35,28 +42,16 @@ EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
-    parser.add_argument(
-        "--structure", type=file_path, metavar="FILE.yaml",
-        help="beam, further_modes and drive of a scene, or of what `atpid modes` writes, in place of --mass, "
-        "--frequency and --damping",
-    )  # fmt: skip
+    blocks = "beam, further_modes and drive of a scene, or of what `atpid modes` writes"
+    whole = f"{blocks}, in place of --mass, --frequency and --damping"
+    parser.add_argument("--structure", type=file_path, metavar="FILE.yaml", help=whole)
     parser.add_argument("--drive", choices=("support", "force"), help="what shakes the structure; default support")
-    for name, metavar, needed in (
-        ("mass", "KG", False), ("frequency", "HZ", False), ("damping", "RATIO", False),
-        ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
-        ("gravity", "G", False), ("side-friction", "MU", False), ("slope", "RAD/M", False),
-        ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
-        ("target-reduction", "SHARE", False), ("target-efficiency", "SHARE", False), ("lever", "M", False),
-        ("motor-speed", "1/MIN", False), ("yield-strength", "PA", False), ("amplitudes", "LO:HI", True),
-        ("excitation-frequency", "HZ|LO:HI", False),
-    ):  # fmt: skip
-        kind = kinds.get(name, number)
+    for name, metavar in map(str.split, _OPTIONS.split(", ")):
+        kind, needed = kinds.get(name, number), name == "amplitudes"
         parser.add_argument(f"--{name}", type=kind, metavar=metavar, required=needed, help=_help(name, needed))
-    uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
-    parser.add_argument(
-        "--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...",
-        help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
-    )  # fmt: skip
+    usual = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
+    off = f"how far a quantity may lie from its value to either side, relative, height in m; default: {usual}"
+    parser.add_argument("--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...", help=off)
     parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
 
 
@@ -92,8 +87,8 @@ def _given(args: argparse.Namespace) -> dict[str, Any]:
     own = [f"--{name}" for name in ("mass", "frequency", "damping") if name in given]
     if args.structure is None:
         if len(own) < 3:
-            raise DesignError(f"structure: given {' '.join(own) or 'none'}; allowed: --structure FILE.yaml, or all of "
-                              "--mass --frequency --damping")  # fmt: skip
+            allowed = "--structure FILE.yaml, or all of --mass --frequency --damping"
+            raise DesignError(f"structure: given {' '.join(own) or 'none'}; allowed: {allowed}")
         return given
     if own or args.drive:
         named = " ".join([*own, *(["--drive"] if args.drive else [])])
@@ -188,12 +183,10 @@ def structure_in(path: Path) -> dict[str, Any]:
         raise DesignError(f"--structure: {error}") from None
     except ValidationError as error:
         raise DesignError(f"--structure: {path}: {explained(error.errors(include_url=False), Blocks)}") from None
-    beam = given.beam
+    beam, others = given.beam, {"further_modes": given.further_modes, "drive": given.drive}
     omega = math.sqrt(beam.stiffness / beam.mass)
-    return {
-        "mass": beam.mass, "frequency": omega / (2.0 * math.pi), "damping": beam.damping / (2.0 * beam.mass * omega),
-        "further_modes": given.further_modes, "drive": given.drive,
-    }  # fmt: skip
+    frequency, damping = omega / (2.0 * math.pi), beam.damping / (2.0 * beam.mass * omega)
+    return {"mass": beam.mass, "frequency": frequency, "damping": damping, **others}
 
 
 #: A kick [m/s].
@@ -205,12 +198,11 @@ def comes_back(made: Design) -> str:
 
     At each amplitude of the design, at its height. Raises NumericalFailure.
     """
-    found = [
-        basin(
-            scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency), Starts(KICK)
-        )
+    scenes = (
+        scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency)
         for one in made.points
-    ]
+    )
+    found = [basin(scene, Starts(KICK)) for scene in scenes]
     come = [one for one in found if one.starts]
     none = f"no steady motion at {len(found) - len(come)} of {len(found)} amplitudes" if len(come) < len(found) else ""
     if not come:

@@ -270,12 +270,9 @@ def _further(problem: Problem, off: Deviation) -> list[dict[str, float]]:
     offs = off.further or ((0.0, 0.0, 0.0),) * len(problem.further_modes)
     for mode, (mass, frequency, damping) in zip(problem.further_modes, offs, strict=True):
         heavier, faster = 1.0 + mass, 1.0 + frequency
-        found.append({
-            "mass": heavier * mode.mass,
-            "stiffness": heavier * faster**2 * mode.stiffness,
-            "damping": heavier * faster * (1.0 + damping) * mode.damping,
-            "drive_factor": mode.drive_factor,
-        })  # fmt: skip
+        own = {"mass": heavier * mode.mass, "stiffness": heavier * faster**2 * mode.stiffness}
+        own["damping"] = heavier * faster * (1.0 + damping) * mode.damping
+        found.append(own | {"drive_factor": mode.drive_factor})
     return found
 
 

@@ -18,6 +18,7 @@ damper stay, and the ceiling keeps the designed height of the support's amplitud
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -77,13 +78,8 @@ class TunedBeam:
         ratios = np.linspace(*band, max(1 + round((band[1] - band[0]) / _APART), _FEWEST))
         values = self.beam(ratios)
         tops = 1 + np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]))
-        refined = (
-            minimize_scalar(
-                lambda r: -float(self.beam(r)), bounds=(ratios[k - 1], ratios[k + 1]), method="bounded",
-                options={"xatol": 1e-10},
-            ).fun
-            for k in tops
-        )  # fmt: skip
+        refine = partial(minimize_scalar, lambda r: -float(self.beam(r)), method="bounded", options={"xatol": 1e-10})
+        refined = (refine(bounds=(ratios[k - 1], ratios[k + 1])).fun for k in tops)
         return float(max([*(-value for value in refined), values[0], values[-1]]))
 
     def _spring(self, r: Array) -> Array:
@@ -129,13 +125,10 @@ def optimised(
     def peak(x: Array) -> float:
         return TunedBeam(mass_ratio, damping_ratio, tuning(x), modes).peak(band)
 
-    found = [
-        minimize(
-            peak, [start.frequency, start.damping], method="Nelder-Mead",
-            options={"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": _around(start)},
-        )
-        for start in starts
-    ]  # fmt: skip
+    found = []
+    for start in starts:
+        options = {"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": _around(start)}
+        found.append(minimize(peak, [start.frequency, start.damping], method="Nelder-Mead", options=options))
     return tuning(min(found, key=lambda one: float(one.fun)).x)
 
 
@@ -199,15 +192,14 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
     drawn = [("", middle, Deviation(detuning=float(d))) for d in np.linspace(-CHANGE, most, _DRAWN)]
     jobs = [*changes, *drawn]
     rows = dict(on_all_cores(lambda k: _row(problem, fraction, tuning, points, *jobs[k]), list(range(len(jobs)))))
-    own = 2.0 * math.pi * problem.frequency
+    own, tuned = 2.0 * math.pi * problem.frequency, _tuned(problem, fraction, tuning, NOMINAL)
     return Comparison(
         mass=mass,
         frequency=tuning.frequency * problem.frequency,
         damping=2.0 * mass * own * tuning.damping,
         damping_ratio=tuning.damping / tuning.frequency,
         band=(band[0] * problem.frequency, band[1] * problem.frequency),
-        stroke=last.amplitude
-        * float(_tuned(problem, fraction, tuning, NOMINAL).stroke(last.frequency / problem.frequency)),
+        stroke=last.amplitude * float(tuned.stroke(last.frequency / problem.frequency)),
         rows=[rows[k] for k in range(len(changes))],
         over_frequency=[rows[k] for k in range(len(changes), len(jobs))],
     )
@@ -226,23 +218,18 @@ def _row(
     problem: Problem, fraction: float, tuning: Tuning, points: Sequence[Point], state: str, at: Point, off: Deviation
 ) -> MassRow:
     frequency = None if problem.excitation_frequency is None else at.frequency
-    one = case(problem, fraction, off, frequency=frequency)
-    return MassRow(
-        state, at.amplitude, one.damper.frequency, one.bare(at.amplitude), one.damper.closed_amplitude(at.amplitude),
-        _damped(one, at.amplitude, height_at(points, at.amplitude)),
-        at.amplitude * float(_tuned(problem, fraction, tuning, off).beam(
-            one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
-        )),
-    )  # fmt: skip
+    one, amplitude = case(problem, fraction, off, frequency=frequency), at.amplitude
+    ratio = one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
+    tuned = amplitude * float(_tuned(problem, fraction, tuning, off).beam(ratio))
+    closed, damped = one.damper.closed_amplitude(amplitude), _damped(one, amplitude, height_at(points, amplitude))
+    return MassRow(state, amplitude, one.damper.frequency, one.bare(amplitude), closed, damped, tuned)
 
 
 def _tuned(problem: Problem, fraction: float, tuning: Tuning, off: Deviation) -> TunedBeam:
     """Return the structure off by a deviation with the tuned mass, whose spring and damper stay."""
-    scale = 1.0 / (1.0 + off.frequency)
-    return TunedBeam(
-        grain_mass(problem, fraction) / problem.mass, problem.damping,
-        Tuning(scale * tuning.frequency, scale * tuning.damping), _over_beam(problem, fraction, off),
-    )  # fmt: skip
+    scale, ratio = 1.0 / (1.0 + off.frequency), grain_mass(problem, fraction) / problem.mass
+    moved = Tuning(scale * tuning.frequency, scale * tuning.damping)
+    return TunedBeam(ratio, problem.damping, moved, _over_beam(problem, fraction, off))
 
 
 def _over_beam(problem: Problem, fraction: float, off: Deviation) -> ModeSet | None:

@@ -129,10 +129,9 @@ class Structures:
         """Return the structures with a grain of a mass fraction [-]. Raises SceneError for an invalid value."""
         count = problem.quantities
         box, inner = np.vstack([np.zeros(count), corners(count)]), inside(_RANDOM, count, _SEED)
-        return Structures(
-            problem, fraction, [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies],
-            list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED))),
-        )  # fmt: skip
+        at = [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies]
+        random = list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED)))
+        return Structures(problem, fraction, at, random)
 
     @property
     def every(self) -> list[Case]:
@@ -160,10 +159,8 @@ def response_of(one: Case, amplitude: float, height: float, approach: Approach =
     settle = damper.settling()
     path = approach(damper, one.height(height), 0.5 * settle * damper.period)
     motion = damper.follow(true, path, Timing(settle, _WINDOW))
-    return Response(
-        motion.amplitude, efficiency(motion.amplitude, damper.closed_amplitude(true)), motion.regular,
-        one.bare(amplitude),
-    )  # fmt: skip
+    reduced = efficiency(motion.amplitude, damper.closed_amplitude(true))
+    return Response(motion.amplitude, reduced, motion.regular, one.bare(amplitude))
 
 
 def rated_heights(structures: Structures, amplitude: float, best: Best, every: int = 1) -> dict[float, list[Response]]:
@@ -338,8 +335,8 @@ def _bare_over_drive(problem: Problem, fraction: float) -> tuple[float, float]:
     points = inside(_BARE_DRAWN, problem.quantities, _BARE_SEED)
     names = list(Uncertainty.model_fields)
     # masses and dampings at their ends; frequencies anywhere, since a resonance may lie between
-    between = [k for k in range(problem.quantities)
-               if (names[k] in ("frequency", "detuning") if k < len(names) else (k - len(names)) % 3 == 1)]  # fmt: skip
+    between = [k for k, name in enumerate(names) if name in ("frequency", "detuning")]
+    between += range(len(names) + 1, problem.quantities, 3)
     ends = np.sign(points)
     ends[:, between] = points[:, between]
     found = []

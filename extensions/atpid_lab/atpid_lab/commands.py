@@ -17,9 +17,9 @@ COMMANDS: Commands = {
         ),
     },
     "Read, check and mend bags": {
-        "bag compare": ("atpid_lab.comparison.command", "two bags overlaid, their differences in a table"),
+        "bag compare": ("atpid_lab.comparison", "two bags overlaid, their differences in a table"),
         "bag validate": (
-            "atpid_lab.validation.command",
+            "atpid_lab.validation",
             "simulate a recording with its measured support, and compare",
         ),
         "bag export": ("atpid_lab.export.command", "write a bag as CSV, UFF 58, MATLAB or Parquet"),

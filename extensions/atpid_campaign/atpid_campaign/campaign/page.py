@@ -139,9 +139,11 @@ def _with_error(row: Record, name: str, scale: float) -> str:
 def _figures(rows: Sequence[Record], drive_unit: str) -> Iterator[tuple[str, Figure]]:
     """Yield the charts whose quantity was varied: over the frequency the beam itself, else the efficiency."""
     for key, axis, scale, title in _AXES:
-        shown = [row for row in rows if key == "wanted_ratio" or (
-            row["wanted_ceiling"] not in ("closed", "none")
-            and (key != "height" or isinstance(row["wanted_ceiling"], float)))]  # fmt: skip
+        shown = list(rows)
+        if key != "wanted_ratio":
+            shown = [row for row in rows if row["wanted_ceiling"] not in ("closed", "none")]
+        if key == "height":
+            shown = [row for row in shown if isinstance(row["wanted_ceiling"], float)]
         unit, factor, columns = ("mm", 1e3, ("beam_amplitude", "simulated_amplitude"))
         if key != "wanted_ratio":
             unit, factor, columns = ("%", 100.0, ("efficiency", "simulated_efficiency"))

@@ -114,11 +114,9 @@ class Campaign(SceneBlock):
     @property
     def axes(self) -> tuple[tuple[Any, ...], ...]:
         """Grain masses, frequencies, ceilings, amplitudes, repeats: what takes longest to change first."""
-        return (
-            self.grain_masses or (None,), self.frequencies or self.frequency_ratios,
-            tuple(sorted((*self.heights, *self.methods), key=_rank)), self.amplitudes,
-            tuple(range(1, self.repeats + 1)),
-        )  # fmt: skip
+        frequencies, repeats = self.frequencies or self.frequency_ratios, tuple(range(1, self.repeats + 1))
+        ceilings = tuple(sorted((*self.heights, *self.methods), key=_rank))
+        return self.grain_masses or (None,), frequencies, ceilings, self.amplitudes, repeats
 
 
 def _rank(ceiling: float | str) -> tuple[bool, bool, float]:

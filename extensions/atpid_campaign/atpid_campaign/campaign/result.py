@@ -205,12 +205,11 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
         values, stds = (np.array([getattr(one, key) for one in judge.estimates]) for key in (name, f"{name}_std"))
         identified[f"excitation_{name}"] = float(values.mean())
         identified[f"excitation_{name}_std"] = math.hypot(stds.mean(), values.std())
-    return {
-        **identified, "height": float(np.median(judge.heights)), "beam_amplitude": found.value,
-        "beam_amplitude_std": found.std, "scatter": found.scatter, "regular": found.scatter < IRREGULAR,
-        "begin": begin, "end": end, "samples": int(inside.size), "settled_after": judge.settled_after,
-        "missing": run.missing,
-    }  # fmt: skip
+    height, missing = float(np.median(judge.heights)), run.missing
+    amplitude = {"beam_amplitude": found.value, "beam_amplitude_std": found.std, "scatter": found.scatter}
+    part = {"begin": begin, "end": end, "samples": int(inside.size), "settled_after": judge.settled_after}
+    regular = found.scatter < IRREGULAR
+    return {**identified, "height": height, **amplitude, "regular": regular, **part, "missing": missing}
 
 
 def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> dict[str, float]:

@@ -75,14 +75,14 @@ class Feed:
             self.judge.push(estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
 
 
+#: What a judge needs of an estimate, beside its time.
+_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
+
+
 def estimate_of(message: Any) -> Estimate:
     """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
-    stamp = message.header.stamp
-    return Estimate(
-        time=stamp.sec + 1e-9 * stamp.nanosec, quality=message.quality, amplitude=message.amplitude,
-        amplitude_std=message.amplitude_std, frequency=message.frequency, frequency_std=message.frequency_std,
-        lost=message.lost, beam_amplitude=message.beam_amplitude,
-    )  # fmt: skip
+    stamp, known = message.header.stamp, {name: getattr(message, name) for name in _MEASURED}
+    return Estimate(time=stamp.sec + 1e-9 * stamp.nanosec, **known)
 
 
 class _OverError(Exception):

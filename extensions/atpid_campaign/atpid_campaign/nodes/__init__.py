@@ -56,11 +56,13 @@ class CampaignWatch(BenchWatch):
         self._asked = ExcitationCommand(kind=ExcitationCommand.OFF)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", STATES)
         for kind, topic, name, profile in (
-            (Event, "events", "", EVENTS), (Excitation, "excitation", "", STATES),
-            (CeilingState, "ceiling/state", "ceiling", STATES), (PlantTruth, "plant/truth", "plant", STATES),
+            (Event, "events", "", EVENTS),
+            (Excitation, "excitation", "", STATES),
+            (CeilingState, "ceiling/state", "ceiling", STATES),
+            (PlantTruth, "plant/truth", "plant", STATES),
             (ExcitationState, "excitation/state", "exciter", STATES),
             (RecorderStatus, "recorder/status", "recorder", STATUS),
-        ):  # fmt: skip
+        ):
             subscribe(self, kind, topic, partial(self._take, name), profile)
         self._selector = AsyncParameterClient(self, "selector_node")
         self._timer = self.create_timer(_PERIOD, self._command, clock=STEADY)
@@ -68,11 +70,10 @@ class CampaignWatch(BenchWatch):
     def excite(self, amplitude: float, frequency: float) -> None:
         """Command a tone of `amplitude` [m, N] at `frequency` [Hz], held on what is identified; 0: off."""
         kind = ExcitationCommand.SINE if amplitude else ExcitationCommand.OFF
-        nan = float("nan")
-        self._asked = ExcitationCommand(
-            sequence=self._asked.sequence + 1, kind=kind, hold=bool(amplitude), amplitude=amplitude,
-            frequency=frequency, end_frequency=nan, duration=nan,
-        )  # fmt: skip
+        asked = ExcitationCommand(sequence=self._asked.sequence + 1, kind=kind, hold=bool(amplitude))
+        asked.amplitude, asked.frequency = amplitude, frequency
+        asked.end_frequency = asked.duration = float("nan")
+        self._asked = asked
         self._command()
 
     def select(self, method: str, height: float) -> None:
