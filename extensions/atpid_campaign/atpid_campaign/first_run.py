@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 #: Time that a person has for what the step asks for [s].
 _HANDS = 10.0
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --emulated-stand --yes --out out/first_run"
 
 
@@ -170,9 +169,9 @@ _REST, _STEADY = 5.0, 8.0
 _QUIET = 2.0
 _PASSED = "known motion passed"
 #: How far frequency, damping and amplification may be from the scene's [-]: beyond, the beam is to be calibrated.
-FREQUENCY, DAMPING, AMPLIFICATION = 0.02, 0.2, 0.15
+FREQUENCY, DAMPING, _AMPLIFICATION = 0.02, 0.2, 0.15
 #: And the amplitude from what was set, and what is identified from what is fitted [-].
-AMPLITUDE, IDENTIFIED = 0.1, 0.02
+AMPLITUDE, _IDENTIFIED = 0.1, 0.02
 
 
 class Row(NamedTuple):
@@ -299,10 +298,10 @@ def _resonance(run: Run, expected: Expected) -> Iterator[Row]:
         raise AnalysisError(found.skipped["orders"])
     yield _near("excitation's frequency", order.frequency, expected.frequency, "Hz", FREQUENCY, "set it to the decay's")
     usual, mend = expected.amplification(order.frequency), "frequency, clamp, calibration"
-    yield _near("beam over excitation", order.excitation_ratio, usual, "", AMPLIFICATION, mend)
+    yield _near("beam over excitation", order.excitation_ratio, usual, "", _AMPLIFICATION, mend)
     steady, unit = run.estimates.amplitude[run.estimates.steady], expected.scene.driven_by.unit
     last, mend = float(steady[-1]) if len(steady) else math.nan, "docs/identification.md, Quality"
-    yield _near("amplitude identified", last, order.excitation, unit, IDENTIFIED, mend)
+    yield _near("amplitude identified", last, order.excitation, unit, _IDENTIFIED, mend)
     yield _near("amplitude", order.excitation, expected.amplitude, unit, AMPLITUDE, "the exciter; calibration")
 
 

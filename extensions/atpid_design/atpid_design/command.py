@@ -35,7 +35,6 @@ _OPTIONS = (
     "excitation-frequency HZ|LO:HI"
 )
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
-#: Arguments of the example in the help.
 EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out out/design"
 
 

@@ -48,8 +48,8 @@ _APART, _MOST_FREQUENCIES = 0.03, 6
 _LOWEST, _HIGHEST = 0.5, 2.0
 
 Share = Annotated[Number, within(0.0, 0.5, hint="a share: 10 % is 0.1")]
-DriveAmplitude = Annotated[Number, within(1e-6, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
-BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
+_DriveAmplitude = Annotated[Number, within(1e-6, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
+_BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
 Target = Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None
 
 
@@ -99,7 +99,7 @@ class Problem(SceneBlock):
     damping: Annotated[Number, within(5e-4, 0.2, hint="a ratio: 0.8 % is 0.008")] = Field(
         description="damping ratio of the beam alone [-]"
     )
-    amplitudes: tuple[DriveAmplitude, DriveAmplitude] = Field(
+    amplitudes: tuple[_DriveAmplitude, _DriveAmplitude] = Field(
         description="least and largest amplitude of the support [m], or of the force [N]"
     )
     drive: Literal["support", "force"] = Field(
@@ -130,14 +130,14 @@ class Problem(SceneBlock):
     max_mass_fraction: Annotated[Fraction, within(0.01, 0.6)] = Field(
         default=0.3, description="largest grain mass over the mass of beam and grain [-]"
     )
-    max_height: BuiltLength = Field(default=3.0, description="largest height of the ceiling [m]")
+    max_height: _BuiltLength = Field(default=3.0, description="largest height of the ceiling [m]")
     target_efficiency: Target = Field(
         default=None, description="least efficiency, against the closed damper, at every amplitude [-]"
     )
     target_reduction: Target = Field(
         default=None, description="least reduction, against the structure without the damper, at every amplitude [-]"
     )
-    lever: BuiltLength = Field(default=0.01, description="lever arm of the motor's drive [m]")
+    lever: _BuiltLength = Field(default=0.01, description="lever arm of the motor's drive [m]")
     motor_speed: Annotated[Number, within(1.0, 1e5)] = Field(default=3000.0, description="of the motor [1/min]")
     yield_strength: Modulus | None = Field(default=None, description="of the softer of grain and walls [Pa]")
     uncertainty: Uncertainty = Uncertainty()
@@ -217,7 +217,7 @@ def grain_radius(problem: Problem, fraction: float) -> float:
     return round(math.ceil(radius / _RADIUS_STEP) * _RADIUS_STEP, 6)
 
 
-def contact_damping_ratio(restitution: float, fraction: float) -> float:
+def _contact_damping_ratio(restitution: float, fraction: float) -> float:
     """Return beta of Tsuji's law (Eq. 3.23) for a restitution between grain and container.
 
     fraction: of the grain in its mass and the container's [-], which of several modes is what an impulse meets. The
@@ -249,7 +249,7 @@ def mapping_of(
             "law": "tsuji",
             "young_modulus": problem.young_modulus * (1.0 + off.young_modulus),
             "poisson_ratio": POISSON,
-            "damping_ratio": contact_damping_ratio(restitution, container if further else share),
+            "damping_ratio": _contact_damping_ratio(restitution, container if further else share),
         },
         "excitation": {"amplitude": amplitude, "frequency": "resonance"},
         "gravity": problem.gravity,

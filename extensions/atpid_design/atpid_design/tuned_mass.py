@@ -34,7 +34,7 @@ from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.system import Array
 
 #: Frequency ratios among which a peak is looked for where no band is given; how far apart, and how many at least.
-ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
+_ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
 #: In place of no resistance, at the resonance of a mode without damping: the quotient of two infinities is then right.
 _NONE = 1e-30
 #: Least damping of a tuned mass, as defined below: a spring and its guide have that of themselves [-].
@@ -73,7 +73,7 @@ class TunedBeam:
         r = np.asarray(ratio, dtype=float)
         return np.asarray(np.abs(self._beam(r) * r * r / (self._spring(r) - r * r)))
 
-    def peak(self, band: tuple[float, float] = ANY_FREQUENCY) -> float:
+    def peak(self, band: tuple[float, float] = _ANY_FREQUENCY) -> float:
         """Return the largest amplitude of the beam over the support's in a band of frequency ratios [-]."""
         ratios = np.linspace(*band, max(1 + round((band[1] - band[0]) / _APART), _FEWEST))
         values = self.beam(ratios)
@@ -112,11 +112,11 @@ def den_hartog(mass_ratio: float) -> Tuning:
 
 
 def optimised(
-    mass_ratio: float, damping_ratio: float, band: tuple[float, float] = ANY_FREQUENCY, modes: ModeSet | None = None
+    mass_ratio: float, damping_ratio: float, band: tuple[float, float] = _ANY_FREQUENCY, modes: ModeSet | None = None
 ) -> Tuning:
     """Return the tuning whose largest amplitude in a band of frequency ratios is least, the beam's damping included."""
     starts = [den_hartog(mass_ratio)]
-    if band != ANY_FREQUENCY:
+    if band != _ANY_FREQUENCY:
         starts.append(Tuning(0.5 * (band[0] + band[1]), 0.02))
 
     def tuning(x: Array) -> Tuning:
@@ -208,7 +208,7 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
 def _band(problem: Problem) -> tuple[float, float]:
     """Return the excitation's frequency over the structure's, from and to, with what both may be off by."""
     if problem.excitation_frequency is None:
-        return ANY_FREQUENCY
+        return _ANY_FREQUENCY
     low, high = problem.excitation_frequency
     off = problem.uncertainty.frequency + problem.uncertainty.detuning
     return low * (1.0 - off) / problem.frequency, high * (1.0 + off) / problem.frequency

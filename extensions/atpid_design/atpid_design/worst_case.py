@@ -64,7 +64,7 @@ _WINDOW = 16.0
 #: Relative tolerance of the run that shows the numerical error.
 _FINE = 1e-8
 #: An error of the height is looked for that costs so much of the reduction, among these shares of the clearance [-].
-COST, _OFF = 0.02, (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
+_COST, _OFF = 0.02, (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
 
 
 class Interval(NamedTuple):
@@ -111,7 +111,7 @@ class Point:
     mean_force: float  # on the ceiling, given structure [N]
     sound_power: float  # of the grain as a sphere in free air, given structure [W]
     acceleration: float  # of the closed damper over gravity, omega^2 X_0 / g; infinite without gravity [-]
-    height_error: float  # that costs the given structure `COST` of its reduction; at most a fifth of the clearance [m]
+    height_error: float  # that costs the given structure `_COST` of its reduction; at most a fifth of the clearance [m]
     structures: int  # cases that the intervals are taken over
 
 
@@ -264,8 +264,8 @@ def _widened(expected: float, seen: Sequence[float], wider: float, unseen: float
 
 
 def _height_error(given: Case, amplitude: float, height: float, expected: Response) -> float:
-    """Return the least error of the height [m], to either side, that costs `COST` of the reduction."""
-    clearance, allowed = height - given.damper.diameter, expected.reduction - COST
+    """Return the least error of the height [m], to either side, that costs `_COST` of the reduction."""
+    clearance, allowed = height - given.damper.diameter, expected.reduction - _COST
     found = _OFF[-1] * clearance
     for side in (-1.0, 1.0):
         inner, kept = 0.0, expected.reduction

@@ -76,7 +76,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class RunOnAxis:
+class _RunOnAxis:
     """One of the two runs."""
 
     name: str
@@ -98,7 +98,7 @@ class RunOnAxis:
 class Compared:
     """Two runs beside each other."""
 
-    runs: tuple[RunOnAxis, RunOnAxis]
+    runs: tuple[_RunOnAxis, _RunOnAxis]
     aligned_by: str
     rows: list[Row]
     time: Array  # (n,) the common part [s]
@@ -146,14 +146,14 @@ def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:
     return labels if labels[0] != labels[1] else named
 
 
-def _placed(path: Path, label: str, view: View, shift: float) -> RunOnAxis:
+def _placed(path: Path, label: str, view: View, shift: float) -> _RunOnAxis:
     signals, missing = signals_of(view.run, both=False)
     found: Orders | None = None
     density: Spectrum | None = None
     with suppress(AnalysisError):  # a run too short, or without excitation: its rows are missing in the table
         density = spectrum(signals.response, signals.rate)
         found = orders(steady_part(signals))
-    return RunOnAxis(str(path), label, view, signals, shift, density, found, tuple(missing))
+    return _RunOnAxis(str(path), label, view, signals, shift, density, found, tuple(missing))
 
 
 def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[float]:
@@ -173,7 +173,7 @@ def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[flo
     return [0.0, times[0] - times[1]]
 
 
-def _difference(runs: list[RunOnAxis], align: str) -> tuple[Array, Array]:
+def _difference(runs: list[_RunOnAxis], align: str) -> tuple[Array, Array]:
     """Return the common times (n,) [s] and the difference of the beams there (n,) [m], NaN in a gap of one of them."""
     times = [placed.time for placed in runs]
     begin, end = max(time[0] for time in times), min(time[-1] for time in times)
@@ -204,7 +204,7 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
 )
 
 
-def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     """Yield what both runs have, side by side."""
     first, second = (placed.view for placed in runs)
     drives = list(dict.fromkeys(placed.view.run.drive for placed in runs))
@@ -233,7 +233,7 @@ def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
         yield Row(f"events: {kind}", "", float(counts[0][kind]), float(counts[1][kind]))
 
 
-def _order_rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+def _order_rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     found = [placed.orders for placed in runs]
     if any(found):
         amplitudes = [math.nan if one is None else float(one.amplitude[0]) for one in found]
@@ -241,7 +241,7 @@ def _order_rows(runs: list[RunOnAxis]) -> Iterator[Row]:
         yield Row("distortion (THD), last part", "-", *(math.nan if one is None else one.distortion for one in found))
 
 
-def _difference_rows(runs: list[RunOnAxis], difference: Array) -> Iterator[Row]:
+def _difference_rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
     known = difference[np.isfinite(difference)]
     size = float(np.nanstd(runs[0].view.run.motion.beam))
     root = float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
@@ -249,7 +249,7 @@ def _difference_rows(runs: list[RunOnAxis], difference: Array) -> Iterator[Row]:
     yield Row("the same over the first's standard deviation", "-", 0.0, root / size if size > 0.0 else math.nan)
 
 
-def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
+def _doubts(runs: list[_RunOnAxis]) -> Iterator[str]:
     for placed in runs:
         run = placed.view.run
         if run.lost:
@@ -334,7 +334,7 @@ def panels(found: Compared) -> Panels:
     return [[partial(drawer, found=found) for drawer in row] for row in rows]
 
 
-def _looks(found: Compared) -> Iterator[tuple[RunOnAxis, dict[str, Any]]]:
+def _looks(found: Compared) -> Iterator[tuple[_RunOnAxis, dict[str, Any]]]:
     """Yield each run with the look of its lines."""
     for placed, colour, width in zip(found.runs, _COLOURS, _WIDTHS, strict=True):
         yield placed, {"color": colour, "linewidth": width, "label": placed.label}

@@ -210,13 +210,13 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
         )
     changes: Document = {"ceiling": ceiling, "steady_window": [left_out, measured.duration]}
     driven: Document = {"file": str(series), "displacement": measured.drive.channel}
-    driven["offset"] = rest_of(measured.support, samples)
-    from_rest = float(start(0.0)) - rest_of(measured.beam, samples)
+    driven["offset"] = _rest_of(measured.support, samples)
+    from_rest = float(start(0.0)) - _rest_of(measured.beam, samples)
     changes["initial"] = {"displacement": from_rest, "velocity": float(start.deriv()(0.0))}
     return scene.with_(excitation={"series": driven}, duration=measured.duration, **changes)
 
 
-def rest_of(displacement: Array, samples: float) -> float:
+def _rest_of(displacement: Array, samples: float) -> float:
     """Return the mean [m] of a displacement (n,) [m] over the whole periods, `samples` each, of its second half."""
     count = round(max(1.0, np.floor(0.5 * len(displacement) / samples)) * samples)
     return float(displacement[-count:].mean())

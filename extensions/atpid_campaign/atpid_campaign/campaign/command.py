@@ -28,7 +28,6 @@ from atpid_control.stand.processes import stoppable
 from atpid_sim.display import counting, working
 from atpid_sim.scene import Scene
 
-#: Arguments of the example in the help.
 EXAMPLE = "campaign.yaml --out out/campaign"
 
 

@@ -23,7 +23,7 @@ from atpid_common.output import finite, folder, writing
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.outdir import claimed
 
-RECORD, PLAN, DIGESTS = "point.json", "campaign.json", "digests.json"
+_RECORD, PLAN, _DIGESTS = "point.json", "campaign.json", "digests.json"
 #: What a record has as its `status`; a point with one of the first two is done.
 MEASURED, SKIPPED, BAD = "measured", "skipped", "bad"
 Record = dict[str, Any]
@@ -84,9 +84,9 @@ class CampaignFolder:
         number = record["number"]
         aside = self.bad / f"{number:04d}-{record['attempt']}"
         target = aside if record["status"] == BAD else self.place(number)
-        _write(part / RECORD, record)
+        _write(part / _RECORD, record)
         names = (path.relative_to(part) for path in sorted(part.rglob("*")) if path.is_file())
-        _write(part / DIGESTS, {str(name): _digest(part / name) for name in names if name.parts[0] != "log"})
+        _write(part / _DIGESTS, {str(name): _digest(part / name) for name in names if name.parts[0] != "log"})
         for path in (*part.rglob("*"), part):
             _flush(path)
         part.rename(target)  # fails where there is one already, which is not empty
@@ -98,7 +98,7 @@ class CampaignFolder:
 
     def record(self, number: int) -> Record:
         """Return what was kept of a point that is done. Raises InputError: its record is damaged."""
-        return _read(self.place(number) / RECORD)
+        return _read(self.place(number) / _RECORD)
 
     def records(self) -> dict[int, Record]:
         """Return the points that are done, by number, without those that were found to be damaged."""
@@ -109,8 +109,8 @@ class CampaignFolder:
         self.damaged = {number: wrong for number in self._numbers() if (wrong := self._wrong(number))}
         for number, wrong in self.damaged.items():
             to_stderr(f"point {number} is damaged: {wrong}; {then}")
-        if old := sum(not (self.place(number) / DIGESTS).is_file() for number in self.records()):
-            to_stderr(f"note: {old} points have no {DIGESTS}, which older versions did not write: not checked")
+        if old := sum(not (self.place(number) / _DIGESTS).is_file() for number in self.records()):
+            to_stderr(f"note: {old} points have no {_DIGESTS}, which older versions did not write: not checked")
 
     def _numbers(self) -> list[int]:
         return [int(path.name) for path in sorted(self.points.glob("[0-9]*")) if path.name.isdecimal()]
@@ -119,7 +119,7 @@ class CampaignFolder:
         """Return in which way a point is not as it was measured; empty: it is."""
         place = self.place(number)
         try:
-            kept = _read(place / DIGESTS) if (place / DIGESTS).exists() else {}
+            kept = _read(place / _DIGESTS) if (place / _DIGESTS).exists() else {}
             changed = ", ".join(name for name, digest in kept.items() if _digest(place / name) != digest)
             found = self.record(number).get("number")
         except (ValueError, OSError) as error:

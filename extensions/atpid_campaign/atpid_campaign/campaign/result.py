@@ -26,13 +26,13 @@ from atpid_sim.system import Array
 #: Periods in one look: the looks of a window share no samples.
 _LOOK = 2.0
 #: A ceiling this close to the height commanded has arrived [m]; one that a method moves stands at this [m].
-ARRIVED, _STANDS = 5e-3, 2e-3
+_ARRIVED, _STANDS = 5e-3, 2e-3
 #: Standard deviations of an estimate that are no deviation.
 _SIGMAS = 2.0
 #: Ratio of von Neumann from which readings are independent, and the least scatter of a second half over the first's.
 _RANDOM, _LASTING = 1.5, 0.7
 #: Warnings that spoil a point whatever the estimates are; alarms do all.
-SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
+_SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
 #: Alarms that are a result, not a fault of the stand.
 _RESULTS = frozenset({EventKind.RUMBLE, EventKind.DRIFT, EventKind.STEP_BACK, EventKind.FALLBACK})
 
@@ -73,7 +73,7 @@ class Judge:
         """Take an event of the graph."""
         if severity > Severity.INFO and not self.over:
             self.events.append(f"{kind}: {text}")
-            if kind in SPOILING or (severity == Severity.ALARM and kind not in _RESULTS):
+            if kind in _SPOILING or (severity == Severity.ALARM and kind not in _RESULTS):
                 self.bad = f"{kind}: {text}"
 
     def push(self, estimate: Estimate, height: float, moving: bool, recording: bool = True) -> None:
@@ -119,7 +119,7 @@ class Judge:
                 return f"{name} {value:.5g}{unit}, wanted {given:.5g}{unit}"
         if not math.isfinite(height) or moving:
             return "the ceiling moves" if moving else "the ceiling's height is not known"
-        if self.height is not None and abs(height - self.height) > ARRIVED:
+        if self.height is not None and abs(height - self.height) > _ARRIVED:
             return f"the ceiling is at {height:.4f} m, wanted {self.height:.4f} m"
         return ""
 
@@ -175,7 +175,7 @@ class Amplitude:
     scatter: float  # of single readings, relative [-]
 
 
-def amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
+def _amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
     """Return the amplitude of samples (n,) [m] at `rate` [Hz], of a motion driven at `frequency` [Hz].
 
     The error bar counts the scatter of readings, and the noise, by which peaks read too large.
@@ -199,7 +199,7 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
     if (lost := expected - int(np.isfinite(inside).sum())) > 0:
         judge.bad = f"{lost} of {expected} samples lost or saturated in the bag"
         return {}
-    found = amplitude_of(inside, beam.rate, point.frequency)
+    found = _amplitude_of(inside, beam.rate, point.frequency)
     identified: dict[str, float] = {}
     for name in ("amplitude", "frequency"):
         values, stds = (np.array([getattr(one, key) for one in judge.estimates]) for key in (name, f"{name}_std"))
@@ -261,6 +261,6 @@ def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tupl
         return math.nan, math.nan
     length = round(periods * _SAMPLES)
     parts = [
-        amplitude_of(beam[at : at + length], rate, frequency).value for at in range(0, beam.size - length + 1, length)
+        _amplitude_of(beam[at : at + length], rate, frequency).value for at in range(0, beam.size - length + 1, length)
     ]
     return float(np.mean(parts)), float(np.std(parts, ddof=1))

@@ -22,12 +22,12 @@ from atpid_control.stand.parameters import PlantFailedError
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Progress
 
-Paused = Callable[[], bool]
-Opener = Callable[[Point], Stand]
+_Paused = Callable[[], bool]
+_Opener = Callable[[Point], Stand]
 
 
 @contextmanager
-def pause_by_signal() -> Iterator[Paused]:
+def pause_by_signal() -> Iterator[_Paused]:
     """Yield whether the campaign pauses: SIGUSR1 pauses it after the point being measured, and lets it go on."""
     paused = False
 
@@ -53,7 +53,7 @@ class Done(NamedTuple):
 
 
 def run_campaign(
-    campaign: Campaign, scene: Scene, folder: CampaignFolder, open_stand: Opener, progress: Progress, paused: Paused
+    campaign: Campaign, scene: Scene, folder: CampaignFolder, open_stand: _Opener, progress: Progress, paused: _Paused
 ) -> Done:
     """Measure the points that are not there yet; the folder is open.
 

@@ -72,14 +72,14 @@ class Feed:
                 self.judge.bad = f"the motor's fault: {message.fault}"
         elif kind == "Excitation":
             self.last = time.monotonic()
-            self.judge.push(estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
+            self.judge.push(_estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
 
 
 #: What a judge needs of an estimate, beside its time.
 _MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
 
 
-def estimate_of(message: Any) -> Estimate:
+def _estimate_of(message: Any) -> Estimate:
     """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
     stamp, known = message.header.stamp, {name: getattr(message, name) for name in _MEASURED}
     return Estimate(time=stamp.sec + 1e-9 * stamp.nanosec, **known)
@@ -100,7 +100,7 @@ class SimulatedStand(Stand):
         """See `Stand.measure`."""
         rules = self._campaign.rules
         duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
-        scene = point_scene(self._scene, point, duration, self._campaign.seed)
+        scene = _point_scene(self._scene, point, duration, self._campaign.seed)
         file = folder / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_for(scene, file, map_for(scene), folder / "bag", lockstep=True)
@@ -119,7 +119,7 @@ class SimulatedStand(Stand):
             judge.bad = f"the run ended before the point was measured: {judge.missing}"
 
 
-def point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
+def _point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
     """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
     changes: dict[str, Any] = {"duration": duration, "steady_window": [0.5 * duration, duration]}
     if point.is_method:

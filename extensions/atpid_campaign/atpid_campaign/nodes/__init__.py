@@ -45,7 +45,7 @@ _ANSWER = 30.0
 _LOOK = 0.05
 
 
-class CampaignWatch(BenchWatch):
+class _CampaignWatch(BenchWatch):
     """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -129,10 +129,10 @@ def _answered(ready: Callable[[], bool], call: Callable[[], Future], name: str) 
 
 
 @contextmanager
-def taking_part(namespace: str = "") -> Iterator[CampaignWatch]:
+def taking_part(namespace: str = "") -> Iterator[_CampaignWatch]:
     """Yield the node, which works in a thread: the excitation goes on while a bag is read."""
     ended = threading.Event()
-    with command_node(lambda: CampaignWatch(namespace=namespace), *QUIET) as (watch, executor):
+    with command_node(lambda: _CampaignWatch(namespace=namespace), *QUIET) as (watch, executor):
 
         def work() -> None:
             while not ended.is_set():

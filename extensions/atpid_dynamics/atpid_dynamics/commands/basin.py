@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 #: Size of a kick where neither that nor a box is given [m/s].
 _KICK = 0.1
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.1:0.16:4 --kick 0.1"
 
 

@@ -21,7 +21,6 @@ from atpid_sim.scene import Scene, SceneError, load_scene
 _CURVES = "branch", "bifurcation", "cliff"
 #: Tolerance of the runs that make up a return map.
 _RTOL = 1e-10
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --height 0.19:0.3 --frequencies 5.2:5.75 --picture cliffs.png"
 
 

@@ -17,7 +17,6 @@ from atpid_sim.display import counting
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.batch import beside
 
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.05:0.15:101 --out sweep.csv"
 
 

@@ -42,7 +42,7 @@ from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 #: The node's parameters, as `ExcitationSettings` declares them.
 TABLE = tuple(row_of(setting) for setting in fields(ExcitationSettings))
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
-LOOP_DELAY = 0.2
+_LOOP_DELAY = 0.2
 #: An estimate that is older shows nothing about now [s]; a hold waits for one for so many periods at least.
 FRESH, PERIODS = 0.5, 5.0
 ON = (ExciterMode.RAMPING, ExciterMode.RUNNING)
@@ -190,7 +190,7 @@ class ExcitationNode(SupervisedNode):
             self._measured_at, self._seen = self._now(), max(self._seen, self._now())
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not elapsed < 1.0:
             return
-        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY,
+        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY,
                         steady=estimate.quality == Quality.STEADY, limited=self._output.limited)  # fmt: skip
         amplitude, frequency = self._hold.factors
         try:

@@ -98,7 +98,7 @@ _POINTS = 20_000
 _PUSH = 0.003
 
 
-class Pulse(NamedTuple):
+class _Pulse(NamedTuple):
     """An impact, in units of T."""
 
     damping_ratio: float  # zeta of the linear oscillator
@@ -108,7 +108,7 @@ class Pulse(NamedTuple):
 
 
 @cache
-def pulse(restitution: float) -> Pulse:
+def pulse(restitution: float) -> _Pulse:
     """Return the impact of a restitution above 0 [-]; 1 and more is Hertz's."""
     zeta = damping_ratio_for(min(restitution, 1.0))
     rate = cmath.sqrt(1.0 - zeta**2) if zeta != 1.0 else 1e-6
@@ -124,7 +124,7 @@ def pulse(restitution: float) -> Pulse:
     time, impulse = np.cumsum(passed) - 0.5 * passed, (z + 2.0 * zeta * slope) * step
     centre = float(time @ impulse / impulse.sum())
     width = math.sqrt(float((time - centre) ** 2 @ impulse / impulse.sum()))
-    return Pulse(zeta, float(passed.sum()), width, centre)
+    return _Pulse(zeta, float(passed.sum()), width, centre)
 
 
 @cache

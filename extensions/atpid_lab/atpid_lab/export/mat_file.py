@@ -28,9 +28,9 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
     spool, path, names = Spool(folder), folder / "whole.mat", set[str]()
     spool.fill(pieces)
     structs = {_name(table.name, names): _struct(spool, table) for table in spool.tables}
-    about = {**source.run, **source.result, "bag": str(source.path), "start_ns": source.start_ns,
-             "missing": _cells(source.missing)}  # fmt: skip
+    own = {"bag": str(source.path), "start_ns": source.start_ns, "missing": _cells(source.missing)}
     taken: set[str] = set()
+    about = {**source.run, **source.result, **own}
     structs[_name("about", names)] = {_name(key, taken): value for key, value in about.items()}
     try:
         savemat(path, structs, long_field_names=True, oned_as="column")

@@ -43,8 +43,9 @@ def write(
     if not spool.tables:
         raise source.no_samples("uff")
     with path.open("wb") as stream:
-        _lines(stream, 151, source.path.name, "bag of ATPID", "atpid", f"{_date(source.start_ns)}{'0':>10}{'0':>10}",
-               _date(source.start_ns), "atpid", _date(source.start_ns))  # fmt: skip
+        date = _date(source.start_ns)
+        head = source.path.name, "bag of ATPID", "atpid", f"{date}{'0':>10}{'0':>10}", date, "atpid", date
+        _lines(stream, 151, *head)
         _lines(stream, 164, f"{1:10d}{'SI':>20}{2:10d}", f"{1.0:25.17E}{1.0:25.17E}{1.0:25.17E}", f"{273.15:25.17E}")
         for table in spool.tables:
             for place, column in enumerate(table.columns):

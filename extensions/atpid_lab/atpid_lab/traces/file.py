@@ -114,10 +114,8 @@ class Tracer:
 
     def _Event(self, event: Any) -> Iterator[TraceRecord]:  # noqa: N802
         stamp = class_of("builtin_interfaces/msg/Time")(event.header.stamp.sec, event.header.stamp.nanosec)
-        line = class_of(LOG)(
-            stamp=stamp, level=_LEVELS[event.severity], name=event.node,
-            msg=f"{event.kind}: {event.text}", file="", function="", line=0,
-        )  # fmt: skip
+        level, text = _LEVELS[event.severity], f"{event.kind}: {event.text}"
+        line = class_of(LOG)(stamp=stamp, level=level, name=event.node, msg=text, file="", function="", line=0)
         yield message("log", stamp_of(event), LOG, line)
 
 
