@@ -72,9 +72,8 @@ def ends_alike(
     highest = np.maximum(tables[:, :, columns.HEIGHT], ends).max(axis=1)
     masses = np.where(holds_grain(scene, highest), scene.total_mass, scene.beam.mass)
     outcomes = np.zeros(count, dtype=np.int64)
-    integrate_alike(
-        fidelity, tables, common if (masses == masses[0]).all() else 0, system, masses, law, parameters, rtol, y, n,
-        scene.steady_window, sampling, np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series,
-        integration.step_limit, contacts, outcomes,
-    )  # fmt: skip
+    series = np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series
+    alike, runs = common if (masses == masses[0]).all() else 0, (system, masses, law, parameters, rtol, y, n)
+    seen = scene.steady_window, sampling, series
+    integrate_alike(fidelity, tables, alike, *runs, *seen, integration.step_limit, contacts, outcomes)
     return y, n, outcomes

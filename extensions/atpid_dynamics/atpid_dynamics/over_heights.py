@@ -121,8 +121,8 @@ def over_heights(
     jobs = [(k, begin) for k in range(len(scenes)) for begin in reversed(begins)]
     record = None
     if journal is not None:
-        purpose = {"heights": heights.tolist(), "scenes": [scene.to_mapping() for scene in scenes],
-                   "settings": [_CHUNK, rtol, fidelity]}  # fmt: skip
+        purpose = {"heights": heights.tolist(), "scenes": [scene.to_mapping() for scene in scenes]}
+        purpose["settings"] = [_CHUNK, rtol, fidelity]
         record = Record[tuple[int, int], HeightSweep](journal, purpose, lambda job: job, vars, HeightSweep.from_plain)
     report = progress or (lambda _: None)
     each, most = min(_CHUNK, len(heights)), len(scenes) * len(heights)
@@ -204,10 +204,9 @@ class _Part:
         self.periods = np.full(count, -1)  # of the scene's own run; 0: irregular; -1: not run
         self.ends: dict[int, State] = {}
         self.motions: dict[int, _Motion | None] = {}
-        self.result = HeightSweep(
-            self.heights, np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan),
-            np.zeros(count, dtype=np.int64), np.full(count, Way.FAILED, dtype=np.int64), row.choice.fidelity,
-        )  # fmt: skip
+        found, errors, multipliers = np.full((3, count), np.nan)
+        none, ways = np.zeros(count, dtype=np.int64), np.full(count, Way.FAILED, dtype=np.int64)
+        self.result = HeightSweep(self.heights, found, errors, multipliers, none, ways, row.choice.fidelity)
 
     def found(self) -> HeightSweep:
         """Run where that is needed, solve for the rest."""
@@ -303,11 +302,9 @@ class _Part:
         table = table_of(conditions, near.phase, near.periods / self.frequency)
         places = self.integration.sections
         sections, solved = np.empty((len(heights), len(near.section))), np.empty((3, len(heights)))
+        begin = near.section, near.scale, self.close, self.integration.step_limit
         try:
-            count = solve_along(
-                self.integration.kernel_inputs, table, places, heights, near.section, near.scale, self.close,
-                self.integration.step_limit, sections, solved,
-            )  # fmt: skip
+            count = solve_along(self.integration.kernel_inputs, table, places, heights, *begin, sections, solved)
         except np.linalg.LinAlgError:  # a multiplier of exactly 1
             count = 0
         return sections[:count], solved[:, :count]

@@ -7,10 +7,11 @@ import json
 from dataclasses import asdict
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from atpid_common import output
 from atpid_common.arguments import MOST_SEED, file_path, positive, real, whole
+from atpid_common.files import Document
 from atpid_sim.commands.map import amplitudes_of
 from atpid_sim.commands.options import add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     work = partial(_at, scene, starts, args.error, args.starts, args.seed)
     with counting("basins", len(jobs)) as count:
         found = Batch(work, jobs).run(workers_of(args), count)
-    rows: list[dict[str, Any]] = [output.finite(asdict(one)) for one in found]
+    rows: list[Document] = [output.finite(asdict(one)) for one in found]
     write_table(rows, args.out)
     if args.json:
         print(json.dumps(rows, allow_nan=False))

@@ -6,12 +6,12 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, rising
+from atpid_common.files import Document
 from atpid_sim.commands.options import add_table, write_table
 from atpid_sim.display import working
 from atpid_sim.figure_style import drawn
@@ -69,7 +69,7 @@ def points(
     heights: tuple[float, float],
     amplitudes: tuple[float, float] | None = None,
     frequencies: tuple[float, float] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Document]:
     """Return the points of the branch over the heights [m], its bifurcations, and its cliff over a second parameter.
 
     `stable` is whether a motion of the branch is, or whether a bifurcation ends the stability. Raises SceneError,
@@ -102,16 +102,15 @@ def points(
         ranges = {"height": (2.0 * scene.grain.radius, heights[1]), name: span}
         curve = follow_cliff(integration, branch.cliff, ranges)
         parts += [("cliff", each.motion, each.loss.name, True) for each in curve]
-    return [
-        {
-            "curve": curve_name, **each.conditions._asdict(), "beam_amplitude": each.amplitude,
-            "largest_multiplier": each.largest_multiplier, "what": what.lower(), "stable": stable,
-        }
-        for curve_name, each, what, stable in parts
-    ]  # fmt: skip
+    rows = []
+    for curve_name, each, what, stable in parts:
+        sizes = {"beam_amplitude": each.amplitude, "largest_multiplier": each.largest_multiplier}
+        of_kind = {"what": what.lower(), "stable": stable}
+        rows.append({"curve": curve_name, **each.conditions._asdict(), **sizes, **of_kind})
+    return rows
 
 
-def draw(rows: list[dict[str, Any]], second: str, path: Path, drive: str = "support") -> None:
+def draw(rows: list[Document], second: str, path: Path, drive: str = "support") -> None:
     """Draw the points that `points` returns, the cliff over the drive's parameter `second`. Raises OutputError."""
     unit, scale = ("Hz", 1.0) if second == "frequency" else ("N", 1.0) if drive == "force" else ("mm", 1e3)
     branch, bifurcations, cliff = ([row for row in rows if row["curve"] == name] for name in _CURVES)

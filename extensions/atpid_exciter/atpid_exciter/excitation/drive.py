@@ -135,7 +135,8 @@ class SimulatedDrive(ExcitationDrive):
 
 def output_of(generator: Generator, volts: float = nan) -> Output:
     """Return what a generator puts out."""
-    command = generator.command
-    return Output(generator.mode, command.kind, command.sequence, generator.amplitude,
-                  generator.frequency if generator.amplitude else 0.0, generator.commanded, volts,
-                  generator.clamp.limited, generator.ended)  # fmt: skip
+    command, now = generator.command, (generator.amplitude, generator.frequency if generator.amplitude else 0.0)
+    limited = generator.clamp.limited
+    return Output(
+        generator.mode, command.kind, command.sequence, *now, generator.commanded, volts, limited, generator.ended
+    )

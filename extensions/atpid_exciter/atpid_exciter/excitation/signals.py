@@ -43,8 +43,8 @@ def read_recorded(path: Path) -> tuple[float, Floats]:
         steps = np.diff(times)
         rate = 1.0 / steps.min() if steps.min() > 0.0 else np.inf
         if rate > _FASTEST or (length := times[-1] - times[0]) > LONGEST or length * rate > MOST_SAMPLES:
-            raise ValueError(f"its times have to rise by {1.0 / _FASTEST:g} s at least, over {LONGEST:g} s at most, to "
-                             f"at most {MOST_SAMPLES} samples of the shortest step")  # fmt: skip
+            most = f"{LONGEST:g} s at most, to at most {MOST_SAMPLES} samples of the shortest step"
+            raise ValueError(f"its times have to rise by {1.0 / _FASTEST:g} s at least, over {most}")
         return float(rate), scaled(np.interp(np.arange(times[0], times[-1], 1.0 / rate), times, values))
     except ValueError as error:
         reason = str(error).splitlines()[0]

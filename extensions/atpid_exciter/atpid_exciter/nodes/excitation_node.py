@@ -58,8 +58,8 @@ def command_of(message: ExcitationCommand) -> Command:
         raise CommandRefusedError(f"kind: given {message.kind}; allowed: 0 to 4, see ExcitationCommand.msg") from None
     if kind is ExciterKind.OFF:
         return OFF
-    return Command(kind, message.amplitude, message.frequency, message.end_frequency, message.duration,
-                   message.seed, message.file, bool(message.hold), message.sequence)  # fmt: skip
+    same = "amplitude", "frequency", "end_frequency", "duration", "seed", "file", "sequence"
+    return Command(kind, hold=bool(message.hold), **{name: getattr(message, name) for name in same})
 
 
 class ExcitationNode(SupervisedNode):
@@ -78,8 +78,8 @@ class ExcitationNode(SupervisedNode):
         except InputError:
             self.leave_graph()
             raise
-        self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction,
-                          fixed_amplitude=self.settings.backend == "labjack_dac")  # fmt: skip
+        tolerance, most = self.settings.hold_tolerance, self.settings.most_correction
+        self._hold = Hold(tolerance, most, fixed_amplitude=self.settings.backend == "labjack_dac")
         self._command, self._fault, self._measured = OFF, "", (nan, nan)
         self._estimated = 0  # stamp of the last estimate acted on [ns]
         # when there was a usable estimate, when one was due, and when the output was within its limits [ns]

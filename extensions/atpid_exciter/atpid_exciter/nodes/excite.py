@@ -94,11 +94,11 @@ def command_of(args: argparse.Namespace, scene: Scene) -> ExcitationCommand:
     if not 0.0 < amplitude < math.inf:
         raise InputError("--amplitude: given none, and the scene has none; give one")
     tone = ExcitationCommand.SWEEP if args.sweep else ExcitationCommand.SINE
-    return ExcitationCommand(
-        kind=ExcitationCommand.RECORDED if args.recorded else tone, hold=args.hold, amplitude=amplitude,
-        frequency=args.frequency or scene.frequency_hz, end_frequency=args.sweep or math.nan,
-        duration=args.duration if args.sweep else math.nan, sequence=int(time.time()) % 2**31,
-    )  # fmt: skip
+    command = ExcitationCommand(sequence=int(time.time()) % 2**31, amplitude=amplitude, hold=args.hold)
+    command.kind = ExcitationCommand.RECORDED if args.recorded else tone
+    command.frequency, command.end_frequency = args.frequency or scene.frequency_hz, args.sweep or math.nan
+    command.duration = args.duration if args.sweep else math.nan
+    return command
 
 
 def _signal_of(path: Path, drive: str, unit: str) -> SampleBlock:

@@ -27,8 +27,8 @@ _Files = list[tuple[Table | None, Path]]
 _INSTALLS = {"pyarrow": "make parquet", "nptdms": "make import"}
 #: The table that gets the name given: the measured displacements where they are there.
 _FIRST = "sensors/laser"
-#: Rows written at once, at least, or as many pieces: a row group of Parquet.
-_ROWS, _PIECES = 131_072, 4_096
+#: Rows written at once, at least, or as many pieces.
+_ROWS, _PIECES = 16_384, 64
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,12 @@ from typing import Any
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import TEXT, Column, Piece, Table
 
+#: Rows of a row group, at least.
+_GROUP = 131_072
+
 
 class _File:
-    """One table while it is written, each piece a row group."""
+    """One table while it is written, in row groups."""
 
     def __init__(self, table: Table, path: Path, stack: ExitStack) -> None:
         import pyarrow
@@ -23,14 +26,25 @@ class _File:
         self.table, self.path = table, path
         self._schema = self._arrow.schema([self._field(column) for column in table.columns])
         self._writer = stack.enter_context(parquet.ParquetWriter(path, self._schema))
+        self._waiting: list[Any] = []
+        self._rows = 0
 
     def add(self, piece: Piece) -> None:
         arrays = [
             self._arrow.array(values, field.type) for values, field in zip(piece.arrays, self._schema, strict=True)
         ]
-        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema), row_group_size=len(piece))
+        self._waiting.append(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+        self._rows += len(piece)
+        if self._rows >= _GROUP:
+            self.flush()
+
+    def flush(self) -> None:
+        if self._waiting:
+            self._writer.write_table(self._arrow.concat_tables(self._waiting), row_group_size=self._rows)
+        self._waiting, self._rows = [], 0
 
     def finish(self, source: Source) -> None:
+        self.flush()
         about = {**self.table.about(), "run": source.run, "start_ns": source.start_ns, "missing": source.missing}
         self._writer.add_key_value_metadata({"atpid": json.dumps(about)})
 
