@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -136,7 +136,7 @@ def _options(command: ModuleType, values: Mapping[str, object]) -> argparse.Name
     return found
 
 
-def _scene(scene: Scene, step: Step, motor: Mapping[str, Any]) -> Scene:
+def _scene(scene: Scene, step: Step, motor: Document) -> Scene:
     """Return the scene of a step: closed, moved by a motor with these parameters, as long as the step."""
     ceiling, low, high, speed = scene.ceiling, motor["lowest"], motor["highest"], motor["speed"]
     low = max(low, 2.0 * scene.grain.radius)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 from pydantic_core import PydanticUndefined
@@ -17,7 +17,7 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
-from atpid_common.files import FileError, read_text
+from atpid_common.files import Document, FileError, read_text
 from atpid_design.make import Design, design, steps_of
 from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of, scene_of
 from atpid_sim.display import counting
@@ -40,7 +40,7 @@ EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
+    kinds: dict[str, Callable[[str], object]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
     blocks = "beam, further_modes and drive of a scene, or of what `atpid modes` writes"
     whole = f"{blocks}, in place of --mass, --frequency and --damping"
     parser.add_argument("--structure", type=file_path, metavar="FILE.yaml", help=whole)
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _given(args: argparse.Namespace) -> dict[str, Any]:
+def _given(args: argparse.Namespace) -> Document:
     """Return the values of `Problem` that are given, by option or in the file of the structure."""
     given = {name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None}
     own = [f"--{name}" for name in ("mass", "frequency", "damping") if name in given]
@@ -174,7 +174,7 @@ class Blocks(SceneBlock):
     drive: Literal["support", "force"] = Field(default="support", description="what shakes it")
 
 
-def structure_in(path: Path) -> dict[str, Any]:
+def structure_in(path: Path) -> Document:
     """Return the structure in a YAML file by the names of `Problem`. Raises DesignError and SceneError in one line."""
     try:
         given = Blocks.model_validate(read_yaml(read_text(path, _LARGEST), str(path)))

@@ -63,9 +63,8 @@ class Candidate:
 
 def meets(problem: Problem, efficiency: float, reduction: float) -> bool:
     """Whether a least efficiency and a least reduction [-] keep the targets that are given."""
-    return efficiency >= (problem.target_efficiency or -math.inf) and reduction >= (
-        problem.target_reduction or -math.inf
-    )
+    least = problem.target_efficiency or -math.inf, problem.target_reduction or -math.inf
+    return efficiency >= least[0] and reduction >= least[1]
 
 
 def fractions(problem: Problem) -> list[float]:

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.fields import Fraction, Hertz, Mass, Modulus, Number, SceneBlock, Words, impossible, within
 from atpid_sim.kernel_inputs import Contact, contact_of
@@ -89,6 +90,8 @@ class Deviation(NamedTuple):
 
 
 NOMINAL = Deviation()
+#: Amplitude of the support [m], or points of it (t [s], amplitude).
+Level = float | list[list[float]]
 
 
 class Problem(SceneBlock):
@@ -196,10 +199,10 @@ class Problem(SceneBlock):
         return [low, *map(float, np.geomspace(low, high, count)[1:-1]), high]
 
 
-def problem_of(**given: Any) -> Problem:
+def problem_of(**given: object) -> Problem:
     """Return the problem of the options given. Raises DesignError in one line, which names the option."""
     try:
-        return Problem(**given)
+        return Problem.model_validate(given)
     except ValidationError as error:
         key, _, rest = explained(error.errors(include_url=False)).partition(":")
         raise DesignError(f"--{key.replace('_', '-').replace('.', ' ')}:{rest}") from None
@@ -217,19 +220,13 @@ def grain_radius(problem: Problem, fraction: float) -> float:
     return round(math.ceil(radius / _RADIUS_STEP) * _RADIUS_STEP, 6)
 
 
-def _contact_damping_ratio(restitution: float, fraction: float) -> float:
-    """Return beta of Tsuji's law (Eq. 3.23) for a restitution between grain and container.
-
-    fraction: of the grain in its mass and the container's [-], which of several modes is what an impulse meets. The
-    law's own damping ratio is c / sqrt(5 k m) with the reduced mass m = m_g (1 - fraction) and c = 2 beta
-    sqrt(k m_g); the restitution follows from it alone (`atpid_sim.contact.tsuji.restitution`).
-    """
-    return float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - fraction)))
-
-
 def mapping_of(
-    problem: Problem, fraction: float, amplitude: Any, off: Deviation = NOMINAL, frequency: float | None = None
-) -> dict[str, Any]:
+    problem: Problem,
+    fraction: float,
+    amplitude: float | list[list[float]],
+    off: Deviation = NOMINAL,
+    frequency: float | None = None,
+) -> Document:
     """Return the blocks of a scene that describe the system with a grain of a mass fraction [-], off by a deviation.
 
     amplitude: of the support [m], or points of it; frequency: of the excitation [Hz], None: the structure's resonance.
@@ -242,14 +239,18 @@ def mapping_of(
     restitution = min(max(restitution, _LEAST_RESTITUTION), _MOST_RESTITUTION)
     further = _further(problem, off)
     container = weight / (weight + 1.0 / sum(1.0 / each for each in (mass, *(one["mass"] for one in further))))
-    mapping: dict[str, Any] = {
+    # beta of Tsuji's law (Eq. 3.23), whose own damping ratio, from which alone the restitution follows, is
+    # c / sqrt(5 k m) with the reduced mass m = m_g (1 - met) and c = 2 beta sqrt(k m_g)
+    met = container if further else share  # of the grain in its mass and what an impulse meets
+    beta = float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - met)))
+    mapping: Document = {
         "beam": {"mass": mass, "frequency": natural, "damping_ratio": problem.damping * (1.0 + off.damping)},
         "grain": {"mass_fraction": share, "radius": grain_radius(problem, fraction)},
         "contact": {
             "law": "tsuji",
             "young_modulus": problem.young_modulus * (1.0 + off.young_modulus),
             "poisson_ratio": POISSON,
-            "damping_ratio": _contact_damping_ratio(restitution, container if further else share),
+            "damping_ratio": beta,
         },
         "excitation": {"amplitude": amplitude, "frequency": "resonance"},
         "gravity": problem.gravity,
@@ -276,7 +277,7 @@ def _further(problem: Problem, off: Deviation) -> list[dict[str, float]]:
     return found
 
 
-def _standing(mapping: dict[str, Any]) -> Scene:
+def _standing(mapping: Document) -> Scene:
     """Return the scene of a system's blocks with the damper closed."""
     run = {"ceiling": {"height": 2.0 * mapping["grain"]["radius"]}, "duration": 1.0}
     return scene_from_mapping(mapping | run, source="design")

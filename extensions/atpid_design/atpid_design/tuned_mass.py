@@ -127,14 +127,10 @@ def optimised(
 
     found = []
     for start in starts:
-        options = {"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": _around(start)}
-        found.append(minimize(peak, [start.frequency, start.damping], method="Nelder-Mead", options=options))
+        f, z = start.frequency, start.damping
+        options = {"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": np.array([[f, z], [1.01 * f, z], [f, 1.1 * z]])}
+        found.append(minimize(peak, [f, z], method="Nelder-Mead", options=options))
     return tuning(min(found, key=lambda one: float(one.fun)).x)
-
-
-def _around(start: Tuning) -> Array:
-    f, z = start.frequency, start.damping
-    return np.array([[f, z], [1.01 * f, z], [f, 1.1 * z]])
 
 
 #: By how much a frequency changes [-]; changes of the excitation's that are drawn.
@@ -178,9 +174,8 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
     ratio, band = mass / problem.mass, _band(problem)
     tuning = optimised(ratio, problem.damping, band, _over_beam(problem, fraction, NOMINAL))
     middle, last = points[len(points) // 2], points[-1]
-    changes = [
-        *((f"{problem.drive} {problem.level(one.amplitude)}", one, NOMINAL) for one in (points[0], middle, last))
-    ]
+    chosen = points[0], middle, last
+    changes = [(f"{problem.drive} {problem.level(one.amplitude)}", one, NOMINAL) for one in chosen]
     every, by = len(problem.further_modes), (-CHANGE, -0.5 * CHANGE, 0.5 * CHANGE, CHANGE)
     changes += [(f"excitation {100 * c:+.0f} %", middle, Deviation(detuning=c)) for c in by]
     changes += [

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.files import Document
 from atpid_dynamics.engine.neighbour_run import solve_along
 from atpid_dynamics.heights import HeightTables, ends_alike, tables_at
 from atpid_sim.engine import columns
@@ -93,7 +94,7 @@ class HeightSweep:
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
         """Return what a journal has, by the names of the fields."""
-        arrays: dict[str, Any] = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
+        arrays: Document = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
 
 

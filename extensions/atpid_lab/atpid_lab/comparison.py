@@ -132,9 +132,8 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
     rows = [*_rows(runs), *_difference_rows(runs, difference)]
-    return Compared(
-        (runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)), runs[0].missing + runs[1].missing
-    )
+    missing = runs[0].missing + runs[1].missing
+    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)), missing)
 
 
 def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:

@@ -91,9 +91,8 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
         gaps = np.flatnonzero(~np.isfinite(series))
         if len(gaps):
             at = part.start + gaps[0] / part.rate
-            raise ValidationError(
-                f"{run.path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to"
-            )
+            wrong = f"{run.path}: {name} is missing or invalid at {at:g} s"
+            raise ValidationError(f"{wrong}; choose a part with --from, --to")
     heights = np.column_stack([run.ceiling.time - part.start, run.ceiling.height])
     heights = heights[np.isfinite(heights).all(axis=1)]
     heights = heights[np.argsort(heights[:, 0], kind="stable")]

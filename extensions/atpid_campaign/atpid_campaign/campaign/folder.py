@@ -12,13 +12,12 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from atpid_campaign.campaign.plan import CampaignError
-from atpid_common.files import check, read_text
+from atpid_common.files import Document, check, read_text
 from atpid_common.output import finite, folder, writing
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.outdir import claimed
@@ -26,7 +25,7 @@ from atpid_control.stand.outdir import claimed
 _RECORD, PLAN, _DIGESTS = "point.json", "campaign.json", "digests.json"
 #: What a record has as its `status`; a point with one of the first two is done.
 MEASURED, SKIPPED, BAD = "measured", "skipped", "bad"
-Record = dict[str, Any]
+Record = Document
 
 
 class CampaignFolder:
@@ -38,7 +37,7 @@ class CampaignFolder:
         self.damaged: dict[int, str] = {}  # points that are not as they were measured: in which way
 
     @contextmanager
-    def open(self, plan: Mapping[str, Any]) -> Iterator[None]:
+    def open(self, plan: Document) -> Iterator[None]:
         """Claim the folder for the campaign `plan`; what a killed one left is removed, what is damaged moved aside.
 
         Raises CampaignError where another campaign is in it, BenchError where one runs there.
@@ -48,9 +47,8 @@ class CampaignFolder:
             if (self.path / PLAN).is_file():
                 if self.plan() != (given := json.loads(json.dumps(plan))):
                     differs = ", ".join(sorted(key for key in given if given[key] != self.plan().get(key)))
-                    raise CampaignError(
-                        f"{self.path}: holds another campaign (it differs in {differs}); give another --out"
-                    )
+                    other = f"another campaign (it differs in {differs})"
+                    raise CampaignError(f"{self.path}: holds {other}; give another --out")
             elif foreign := sorted(item.name for item in self.path.iterdir() if not item.name.startswith(PLAN)):
                 raise CampaignError(f"{self.path}: holds other files ({', '.join(foreign[:3])}); give a new --out")
             else:
@@ -65,7 +63,7 @@ class CampaignFolder:
             self.damaged = {}
             yield
 
-    def plan(self) -> dict[str, Any]:
+    def plan(self) -> Document:
         """Return the plan it was made for. Raises FileError: there is none; CampaignError: it is damaged."""
         return _read(self.path / PLAN)
 
@@ -145,7 +143,7 @@ def _digest(path: Path) -> str:
     return total.hexdigest()
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Document:
     text = read_text(path, 100_000_000)
     try:
         return dict(json.loads(text).items())
@@ -153,7 +151,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise CampaignError(f"{path}: is cut or damaged; copy one of the same campaign there") from None
 
 
-def _write(path: Path, value: Any) -> None:
+def _write(path: Path, value: object) -> None:
     _replace(path, json.dumps(finite(value), indent=1) + "\n")
 
 

@@ -9,7 +9,6 @@ from functools import partial
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from atpid_campaign.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
 from atpid_campaign.campaign.plan import Campaign
@@ -46,7 +45,7 @@ def compared(
     jobs = [record["number"] for record in found]
     beside = Batch(partial(_simulated, campaign, scene, folder), jobs, processes=True).run(HERE, progress)
     rows = [record | more for record, more in zip(found, beside, strict=True)]
-    closed: dict[tuple[Any, ...], list[Record]] = {}
+    closed: dict[tuple[object, ...], list[Record]] = {}
     for row in rows:
         if row["wanted_ceiling"] == "closed":
             closed.setdefault(_excited(row), []).append(row)
@@ -64,7 +63,7 @@ def compared(
     return rows
 
 
-def _excited(row: Record) -> tuple[Any, ...]:
+def _excited(row: Record) -> tuple[object, ...]:
     return tuple(row[f"wanted_{name}"] for name in ("amplitude", "frequency", "grain_mass"))
 
 
@@ -93,9 +92,8 @@ def write_page(campaign: Campaign, scene: Scene, folder: CampaignFolder, progres
 
 def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], unit: str) -> str:
     figures = dict(_figures(rows, unit))
-    skipped = [
-        f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values() if one["status"] == SKIPPED
-    ]
+    left = [one for one in folder.records().values() if one["status"] == SKIPPED]
+    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in left]
     about = {
         "stand": campaign.stand,
         "points": f"{len(rows)} measured, {len(skipped)} skipped",

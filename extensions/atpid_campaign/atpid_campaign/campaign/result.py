@@ -4,15 +4,15 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from atpid_campaign.campaign.plan import Campaign, Point, Rules, from_rest
+from atpid_common.files import Document
 from atpid_common.vocabulary import EventKind, Quality, Severity
 from atpid_control.identification import Estimate
 from atpid_control.runs.run import open_run
@@ -188,7 +188,7 @@ def _amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
     return Amplitude(value, math.hypot(scatter / math.sqrt(readings.size), noise), scatter / value if value else 0.0)
 
 
-def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
+def measured(folder: Path, point: Point, judge: Judge) -> Document:
     """Return what was measured in a point whose bag is in `folder`. What is wrong with it becomes `judge.bad`."""
     run = open_run(folder / "bag")
     shift = 1e-9 * run.start_ns
@@ -212,7 +212,7 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
     return {**identified, "height": height, **amplitude, "regular": regular, **part, "missing": missing}
 
 
-def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> dict[str, float]:
+def simulated(campaign: Campaign, scene: Scene, record: Document) -> dict[str, float]:
     """Return amplitudes [m] of the beam by simulation at the excitation and height that were measured, with error bars.
 
     The bar has what the motion's irregularity leaves to chance within a measurement, and what the errors of
@@ -260,7 +260,6 @@ def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tupl
     except NumericalFailure:
         return math.nan, math.nan
     length = round(periods * _SAMPLES)
-    parts = [
-        _amplitude_of(beam[at : at + length], rate, frequency).value for at in range(0, beam.size - length + 1, length)
-    ]
+    begins = range(0, beam.size - length + 1, length)
+    parts = [_amplitude_of(beam[at : at + length], rate, frequency).value for at in begins]
     return float(np.mean(parts)), float(np.std(parts, ddof=1))

@@ -13,6 +13,7 @@ from typing import Any
 
 from atpid_campaign.campaign.plan import Campaign, Point, from_rest
 from atpid_campaign.campaign.result import Judge
+from atpid_common.files import Document
 from atpid_common.vocabulary import Mode
 from atpid_control.identification import Estimate
 from atpid_control.selection.map_cache import map_for
@@ -121,7 +122,7 @@ class SimulatedStand(Stand):
 
 def _point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
     """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
-    changes: dict[str, Any] = {"duration": duration, "steady_window": [0.5 * duration, duration]}
+    changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
     if point.is_method:
         changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
     changes |= {"seed": 1000 * seed + scene.seed + point.number, "mass_fraction": point.mass_fraction}

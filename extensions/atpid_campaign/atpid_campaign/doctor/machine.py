@@ -227,9 +227,8 @@ def disk(at: Subject) -> Iterator[Finding]:
     except OSError as error:
         yield judged(f"{bag} cannot be written: {error.strerror}", "give another --bag", fails=True)
         return
-    rate = _MESSAGES + sum(
-        values["rate"] * len(values["channels"]) * _READING for values in at.parameters.values() if "channels" in values
-    )
+    sampled = [values for values in at.parameters.values() if "channels" in values]
+    rate = _MESSAGES + sum(values["rate"] * len(values["channels"]) * _READING for values in sampled)
     needed = rate * 3600.0 * at.options.hours
     text = f"{free / 1e9:.1f} GB free; {at.options.hours:g} h at {rate / 1e3:.0f} kB/s take up to {needed / 1e9:.2f} GB"
     yield judged(text, "make room, or give another --bag", fails=free < needed, degrades=free < needed + _RESERVE)

@@ -50,7 +50,7 @@ class _CampaignWatch(BenchWatch):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(to_stderr, **node_options)
-        self.received: deque[Any] = deque(maxlen=10_000)
+        self.received: deque[Event | Excitation | CeilingState] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
         self.plant: PlantTruth | None = None  # a simulated one that has published waits for its loop
         self._asked = ExcitationCommand(kind=ExcitationCommand.OFF)
@@ -80,9 +80,8 @@ class _CampaignWatch(BenchWatch):
         """Let the selector send the ceiling to `height` [m], or for 0 where `method` has it. Raises BenchError."""
         values = {"manual_height": height} | ({"method": method} if method else {})
         made = [Parameter(name, value=value) for name, value in values.items()]
-        answer = _answered(
-            self._selector.services_are_ready, lambda: self._selector.set_parameters(made), "selector_node"
-        )
+        ready, ask = self._selector.services_are_ready, partial(self._selector.set_parameters, made)
+        answer = _answered(ready, ask, "selector_node")
         if refused := [result.reason for result in answer.results if not result.successful]:
             raise BenchError(f"the selector refuses {values}: {refused[0]}")
 
@@ -103,7 +102,7 @@ class _CampaignWatch(BenchWatch):
                 return str(answer.message)
         return ""
 
-    def _take(self, name: str, message: Any) -> None:
+    def _take(self, name: str, message: object) -> None:
         if name:
             setattr(self, name, message)
         if isinstance(message, Event | Excitation | CeilingState):

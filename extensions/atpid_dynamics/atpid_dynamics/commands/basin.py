@@ -33,9 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     heights = parser.add_mutually_exclusive_group()
     heights.add_argument("--height", type=positive("m"), metavar="H", help="of the ceiling [m]; default: the scene's")
     heights.add_argument("--heights", type=amplitudes_of, metavar="H0:H1:N", help="N heights from H0 to H1 [m]")
-    parser.add_argument(
-        "--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N amplitudes of the drive [m or N]"
-    )
+    drives = "N amplitudes of the drive [m or N]"
+    parser.add_argument("--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help=drives)
     starts = parser.add_mutually_exclusive_group()
     help_kick = "start from the promised motion at any phase, kicked by V [m/s]; default: 0.1"
     starts.add_argument("--kick", type=real(0.0, 1e3, "m/s", above=True), metavar="V", help=help_kick)

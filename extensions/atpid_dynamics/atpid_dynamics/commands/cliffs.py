@@ -31,10 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help_height = "heights [m]; followed is the motion that the scene ends in at LO"
     parser.add_argument("--height", type=heights, required=True, metavar="LO:HI", help=help_height)
     second = parser.add_mutually_exclusive_group()
-    help_amplitudes = (
-        "follow the cliff over these amplitudes of the support [m] or of the force [N], around the scene's"
-    )
-    second.add_argument("--amplitudes", type=heights, metavar="LO:HI", help=help_amplitudes)
+    drives = "follow the cliff over these amplitudes of the support [m] or of the force [N], around the scene's"
+    second.add_argument("--amplitudes", type=heights, metavar="LO:HI", help=drives)
     frequencies = rising(0.0, 1e6, "LO:HI with 0 < LO < HI, at most 1e6 Hz", closed=False)
     help_frequencies = "follow it over these frequencies [Hz], around the scene's"
     second.add_argument("--frequencies", type=frequencies, metavar="LO:HI", help=help_frequencies)

@@ -24,10 +24,8 @@ EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    recording = (
-        "a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv"
-    )
-    add("recording", type=file_path, help=recording)
+    free = "a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv"
+    add("recording", type=file_path, help=free)
     moving = "the moving mass: reduced beam mass, container, grain [kg]"
     add("--moving-mass", type=positive("kg"), metavar="KG", help=moving)
     add("--moving-mass-std", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help="its standard deviation [kg]")

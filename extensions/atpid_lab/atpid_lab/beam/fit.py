@@ -114,19 +114,16 @@ def fit_beam(signals: Signals) -> BeamFit:
     valid = ~np.isnan(beam)
     lowest = PERIODS * rate / beam.size
     if valid.sum() < 50 or lowest > 0.1 * rate:
-        raise BeamCalibrationError(
-            f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam"
-        )
+        given = f"given {int(valid.sum())} valid samples"
+        raise BeamCalibrationError(f"recording: {given}; needed: {PERIODS:g} periods of the beam")
     if support is not None and np.isnan(support).any():
-        raise BeamCalibrationError(
-            "support: given a recording with gaps; choose a part without any with --from and --to"
-        )
+        remedy = "choose a part without any with --from and --to"
+        raise BeamCalibrationError(f"support: given a recording with gaps; {remedy}")
     seed = seed_frequency(beam, rate, lowest, 0.2 * rate)
     if math.isnan(seed):
         raise BeamCalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
-    candidates = [
-        _search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))
-    ]
+    sources = (None, support) if support is not None else (None,)
+    candidates = [_search(beam, valid, source, rate, seed) for source in sources]
     best = candidates[0] if candidates[-1].residual > (1.0 - _EXPLAINS) * candidates[0].residual else candidates[-1]
     if not best.misfit < _MISFIT * best.amplitude:
         raise BeamCalibrationError(
@@ -256,9 +253,8 @@ def _check(moving: float, grain: float) -> None:
     if not (math.isfinite(moving) and moving > 0.0):
         raise BeamCalibrationError(f"moving mass: given {moving:g} kg; allowed: above 0")
     if not 0.0 <= grain < moving:
-        raise BeamCalibrationError(
-            f"grain mass: given {grain:g} kg; allowed: at least 0 and below the moving {moving:g} kg"
-        )
+        allowed = f"at least 0 and below the moving {moving:g} kg"
+        raise BeamCalibrationError(f"grain mass: given {grain:g} kg; allowed: {allowed}")
 
 
 def _number(value: float) -> str:

@@ -106,16 +106,14 @@ def _pulses(recorded: Run, channel: str | None) -> Signal:
 def to_yaml(fit: ContactFit) -> str:
     """Return a scene's `contact:` block; error bars are in comments, since a scene has values only."""
     e = fit.restitution
-    lines = [
-        f"# restitution {_shown(e)}, at {fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, mean {fit.at_speed:.3g} m/s"
-    ]
+    speeds = f"{fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, mean {fit.at_speed:.3g} m/s"
+    lines = [f"# restitution {_shown(e)}, at {speeds}"]
     if fit.modulus is None:
         return "\n".join([*lines, f"contact: {{law: impact, restitution: {min(e.value, 1.0):.5f}}}", ""])
     modulus = f"{2.0 * (1.0 - _POISSON**2) * fit.modulus.value:.5e}"
     values = f"young_modulus: {modulus}, poisson_ratio: {_POISSON}, damping_ratio: {fit.damping_ratio:.5f}"
-    lines.append(
-        f"# effective modulus {_shown(fit.modulus)} Pa; only it counts, not how it is shared by grain and wall"
-    )
+    found = f"effective modulus {_shown(fit.modulus)} Pa"
+    lines.append(f"# {found}; only it counts, not how it is shared by grain and wall")
     return "\n".join([*lines, f"contact: {{law: tsuji, {values}}}", ""])
 
 

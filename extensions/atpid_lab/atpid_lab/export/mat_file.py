@@ -5,9 +5,9 @@
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.io.matlab import MatWriteError
 
@@ -42,9 +42,9 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
     yield None, path
 
 
-def _struct(spool: Spool, table: Table) -> dict[str, Any]:
+def _struct(spool: Spool, table: Table) -> dict[str, object]:
     taken: set[str] = set()
-    fields: dict[str, Any] = {}
+    fields: dict[str, object] = {}
     units: dict[str, str] = {}
     names: dict[str, str] = {}
     for place, column in enumerate(table.columns):
@@ -57,10 +57,11 @@ def _struct(spool: Spool, table: Table) -> dict[str, Any]:
     return fields | {_name(f"about_{key}", taken): v for key, v in about.items()}
 
 
-def _cells(texts: Any) -> Any:
+def _cells(texts: Iterable[str]) -> NDArray[np.object_]:
     """Return texts as a column of cells."""
-    cells = np.empty((len(texts), 1), dtype=object)
-    cells[:, 0] = list(texts)
+    found = list(texts)
+    cells = np.empty((len(found), 1), dtype=object)
+    cells[:, 0] = found
     return cells
 
 

@@ -108,13 +108,11 @@ def timed(
             given.notes.append(f"{path.name}: {group}{time}: left out, rows count as even at --rate {given.rate:g} Hz")
         grid = Grid(given.rate or rate or 1.0, rows, start_ns or 0, start_ns is not None)
     elif time:
-        grid = even(
-            f"{path}: {group}{time}", np.asarray(columns[time][1], np.float64), columns[time][0], given, start_ns
-        )
+        unit, times = columns[time]
+        grid = even(f"{path}: {group}{time}", np.asarray(times, np.float64), unit, given, start_ns)
     else:
-        raise BagError(
-            f"{path}: no times and no rate in it; give --rate HZ, or --time with one of {', '.join(columns)[:200]}"
-        )
+        names = ", ".join(columns)[:200]
+        raise BagError(f"{path}: no times and no rate in it; give --rate HZ, or --time with one of {names}")
     return [Series(f"{group}{name}", unit, values, grid) for name, (unit, values) in others.items()]
 
 

@@ -78,9 +78,8 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
         top = 1.0 / (_A_PERIOD * model.step)
         shown = model.drive if model.driven else None
         peak = _peak(model.residual(logarithms), shown, 1.0 / model.step, np.exp(logarithms[:number]) / TAU, top)
-        logarithms = np.concatenate(
-            [logarithms[:number], [math.log(TAU * peak)], logarithms[number:], [math.log(START)]]
-        )
+        added = [math.log(TAU * peak)], logarithms[number:], [math.log(START)]
+        logarithms = np.concatenate([logarithms[:number], *added])
         low, high = (np.log([edge] * (number + 1)) for edge in (LEAST, MOST))
         paces = logarithms[: number + 1]
         bounds = np.concatenate([paces - 0.3, low]), np.concatenate([paces + 0.3, high])
