@@ -92,6 +92,8 @@ class Deviation(NamedTuple):
 NOMINAL = Deviation()
 #: Amplitude of the support [m], or points of it (t [s], amplitude).
 Level = float | list[list[float]]
+#: Frequency of the excitation [Hz]; None: the structure's resonance with the damper closed.
+Tone = float | None
 
 
 class Problem(SceneBlock):
@@ -188,7 +190,7 @@ class Problem(SceneBlock):
         return "efficiency" if own else "reduction"
 
     @property
-    def frequencies(self) -> list[float | None]:
+    def frequencies(self) -> list[Tone]:
         """Frequencies of the excitation to design for [Hz]; None: the resonance of each structure, damper closed."""
         if self.excitation_frequency is None:
             return [None]
@@ -284,9 +286,8 @@ def _standing(mapping: Document) -> Scene:
 
 
 def scene_of(
-    problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL,
-    frequency: float | None = None,
-) -> Scene:  # fmt: skip
+    problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL, frequency: Tone = None
+) -> Scene:
     """Return the scene of a structure off by a deviation, support amplitude and ceiling [m] off as well.
 
     It lasts until the closed damper's transient is over. Raises SceneError for an invalid value.
@@ -349,7 +350,7 @@ def deviation(problem: Problem, point: Array) -> Deviation:
 
 
 def case(
-    problem: Problem, fraction: float, off: Deviation = NOMINAL, rtol: float = RTOL, frequency: float | None = None
+    problem: Problem, fraction: float, off: Deviation = NOMINAL, rtol: float = RTOL, frequency: Tone = None
 ) -> Case:
     """Return the case of a deviation with a grain of a mass fraction [-]; frequency: as in `mapping_of`."""
     scene = scene_of(problem, fraction, problem.amplitudes[1], problem.max_height, off, frequency)
@@ -357,7 +358,7 @@ def case(
 
 
 def cases(
-    problem: Problem, fraction: float, points: Array, frequencies: Sequence[float | None] | None = None
+    problem: Problem, fraction: float, points: Array, frequencies: Sequence[Tone] | None = None
 ) -> Iterator[Case]:
     """Yield the case of each point (n, quantities) of the box, at n frequencies or the first of the excitation [Hz]."""
     at = frequencies or [problem.frequencies[0]] * len(points)
@@ -367,7 +368,7 @@ def cases(
     )
 
 
-def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[float | None]:
+def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[Tone]:
     """Return so many frequencies drawn evenly from the range of the excitation [Hz]."""
     if problem.excitation_frequency is None:
         return [None] * count

@@ -279,9 +279,9 @@ class ExcitationNode(SupervisedNode):
 
     def _statuses(self) -> list[DiagnosticStatus]:
         output = self._output
-        values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}",
-                  "frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}",
-                  "error, with hold": f"{self._hold.error:.4f}"}  # fmt: skip
+        values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}"}
+        values |= {"frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}"}
+        values["error, with hold"] = f"{self._hold.error:.4f}"
         wrong = self._fault or output.mode in (ExciterMode.FAULT, ExciterMode.UNCONFIGURED)
         level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK
         message = self._fault or output.mode.name.lower()
