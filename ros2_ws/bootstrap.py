@@ -65,7 +65,7 @@ KERNELS = tuple(
 # extra as soon as that has a newer release: it takes the newest, which the lock has no hash of.
 OF_LOCK = ("--no-deps", "--require-hashes", "-r")
 PIP: tuple[str | Path, ...] = (VENV / "bin/python", "-m", "pip", "install", *OF_LOCK)
-# It takes an eighth of pip's time, and leaves it to the first import to compile.
+# It takes an eighth of pip's time, and leaves bytecode to the first import (`keep_bytecode`).
 UV: tuple[str | Path, ...] = (VENV / "bin/uv", "pip", "install", "--no-progress", "--no-build-isolation", *OF_LOCK)
 
 UNREACHABLE = re.compile(
@@ -128,7 +128,7 @@ def step_environment() -> dict[str, str]:
     """Return this shell's environment without the settings of this workspace or of another Python environment."""
     kept = dict(os.environ)
     unwanted = ("VIRTUAL_ENV", "PYTHONHOME", "PIP_TARGET", "PIP_USER", "MAKEFLAGS", "MFLAGS", "MAKELEVEL")
-    for name in (*unwanted, "_ROS_WHEELS_BOOTSTRAP_COMPLETE"):
+    for name in (*unwanted, "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONDONTWRITEBYTECODE"):
         kept.pop(name, None)
     for name in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH"):
         if name in kept:
@@ -221,9 +221,19 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
     if fresh:
         with step("building the workspace and its kernels (two minutes the first time)"), kernels_beside(environment):
             run([*command, *arguments], "colcon build", environment, WORKSPACE)
+            keep_bytecode(environment)
     else:
         with step("building what changed"):
             run([*command, *arguments], "colcon build", environment, WORKSPACE)
+            keep_bytecode(environment)
+
+
+def keep_bytecode(environment: dict[str, str]) -> None:
+    """Have the bytecode written of whatever a program of the workspace may import."""
+    code = (
+        'COLCON_CURRENT_PREFIX=ros2_ws/install . ros2_ws/install/local_setup.sh && exec python ros2_ws/bytecode.py "$@"'
+    )
+    run(["sh", "-c", code, "sh", *CORE[1:], *PACKAGES[len(CORE) :]], "compiling bytecode", environment)
 
 
 @contextmanager

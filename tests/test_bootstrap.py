@@ -5,6 +5,7 @@
 import contextlib
 import os
 import re
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -76,15 +77,16 @@ def steps(project: Path, monkeypatch: pytest.MonkeyPatch) -> Steps:
     return recorder
 
 
-FULL = ["venv", "backend", "wheels", "repair", "colcon build"]
+BUILT = ["colcon build", "compiling bytecode"]
+FULL = ["venv", "backend", "wheels", "repair", *BUILT]
 
 
 @pytest.mark.parametrize(
     ("changed", "again", "from_nothing"),
     [
         (None, [], False),
-        ("atpid_interfaces/atpid_interfaces/msg/A.msg", ["colcon build"], True),
-        ("atpid_sim/launch/bench.launch.py", ["colcon build"], False),
+        ("atpid_interfaces/atpid_interfaces/msg/A.msg", BUILT, True),
+        ("atpid_sim/launch/bench.launch.py", BUILT, False),
         (f"{LOCKS}/wheels.txt", FULL, True),
     ],
 )
@@ -106,13 +108,27 @@ def test_an_interrupted_set_up_is_repaired(steps: Steps, step: str) -> None:
     steps.errors[step] = KeyboardInterrupt()
     assert bootstrap.main() == 130
     steps.errors.clear()
-    assert steps.taken() == (["colcon build"] if step == "colcon build" else FULL)
+    assert steps.taken() == (BUILT if step == "colcon build" else FULL)
 
 
 def test_a_sourced_jazzy_is_shared_and_gets_no_wheels(steps: Steps, monkeypatch: pytest.MonkeyPatch) -> None:
     sourced = machine.Ros("sourced", "/opt/ros/jazzy/rclpy/__init__.py")
     monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, sourced))
-    assert steps.taken() == ["venv shared", "backend", "sourced", "colcon build"]
+    assert steps.taken() == ["venv shared", "backend", "sourced", *BUILT]
+
+
+def test_no_program_compiles_what_set_up_installed() -> None:
+    code = (
+        "import atpid_sim.commands.simulate, atpid_control.nodes.selector_node, importlib.util, pathlib, sys\n"
+        "files = [getattr(module, '__file__', None) or '' for module in list(sys.modules.values())]\n"
+        "installed = [file for file in files if 'site-packages' in file and file.endswith('.py')]\n"
+        "cached = importlib.util.cache_from_source\n"
+        "print(len(installed), *(file for file in installed if not pathlib.Path(cached(file)).exists()))"
+    )
+    ran = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=True)
+    installed, *uncompiled = ran.stdout.split()
+    assert int(installed) > 500
+    assert not uncompiled
 
 
 def test_kernels_that_fail_beside_the_build_are_compiled_alone(
