@@ -15,9 +15,10 @@ from atpid_common.testing import wait_for
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
+from atpid_control.stand.nodes.composition import run_lockstep
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.parts import parameters_for, parts_of
-from atpid_control.stand.running import commands_of, run_lockstep, run_realtime
+from atpid_control.stand.running import commands_of, run_realtime
 from atpid_sim.scene import Scene, load_scene
 
 

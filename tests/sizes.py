@@ -1,6 +1,9 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How large the project is, beside the most it may be (budgets.yaml): `python tests/sizes.py`; status 1: larger."""
+"""How large the project is, beside the most it may be (budgets.yaml): `python tests/sizes.py`; status 1: larger.
+
+`--routes` lists the files to read before one changes a contact law, a decision, the stop path or a report.
+"""
 
 import ast
 import re
@@ -73,6 +76,7 @@ def sizes(folder: Path = ROOT) -> dict[str, int]:
         "lines with Any": sum(bool(re.search(r"\bAny\b", line)) for text in texts for line in text.splitlines()),
         "files under 40 lines": sum(text.count("\n") < 40 for text in texts),
         "words of the pages for users": sum(len(path.read_text(encoding="utf-8").split()) for path in pages),
+        **{f"lines to read for {route}": sum(files.values()) for route, files in routes(folder).items()},
     }
 
 
@@ -82,8 +86,19 @@ def budgets() -> dict[str, int]:
     return read
 
 
+def routes(folder: Path = ROOT) -> dict[str, dict[str, int]]:
+    """Return, for each way through the code (routes.yaml), its files with their lines."""
+    read: dict[str, list[str]] = yaml.safe_load((folder / "tests/routes.yaml").read_text(encoding="utf-8"))
+    return {name: {path: _lines([folder / path]) for path in paths} for name, paths in read.items()}
+
+
 def main() -> int:
     """Print each size beside its budget; return 1 where one is exceeded, else 0."""
+    if sys.argv[1:] == ["--routes"]:
+        for route, files in routes().items():
+            print(f"{route}: {len(files)} files, {sum(files.values())} lines")
+            print(*(f"{lines:7}  {path}" for path, lines in files.items()), sep="\n")
+        return 0
     found, most = sizes(*map(Path, sys.argv[1:2])), budgets()
     for name, size in found.items():
         print(f"{size:7} of {most[name]:7}  {name}{'  EXCEEDED' if size > most[name] else ''}")

@@ -15,9 +15,9 @@ from graph_runs import parameters
 from atpid_control.cli import main
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
+from atpid_control.stand.nodes.composition import run_lockstep
 from atpid_control.stand.parameters import PlantFailedError, write_parameters
 from atpid_control.stand.parts import PARTS
-from atpid_control.stand.running import run_lockstep
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -106,7 +106,7 @@ def test_a_plant_that_fails_is_status_3_and_one_line(
     def fails(*_: object) -> NoReturn:
         raise PlantFailedError("stopped at 1 s")
 
-    monkeypatch.setattr("atpid_control.commands.bench.run_lockstep", fails)
+    monkeypatch.setattr("atpid_control.stand.nodes.composition.run_lockstep", fails)
     assert main(["bench", str(scene), "--out", str(tmp_path)]) == 3
     assert capsys.readouterr().err == "error: stopped at 1 s\n"
 

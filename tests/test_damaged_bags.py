@@ -57,7 +57,9 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
 
 def quick_view(bag: Path) -> View:
     """Return the view of a bag beside a sine, in place of a simulation."""
-    return view_of(bag, closed=lambda _scene, times: np.sin(times))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("atpid_control.views.report.stages.closed_by_simulation", lambda _scene, times: np.sin(times))
+        return view_of(bag)
 
 
 # cut off, or without index

@@ -24,7 +24,7 @@ from atpid_control.runs.check import check
 from atpid_control.runs.recover import recover
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.parameters import NodeDiedError
-from atpid_sim.plant.stream import ChannelFaults, StampFaults
+from atpid_sim.plant.stream import ChannelFaults, stamp_shift
 from atpid_sim.scene import SceneError, standard_bench
 from atpid_sim.system import Array
 from studies.cli import main
@@ -247,11 +247,10 @@ def test_closed_forms_of_the_kinds() -> None:
 
 
 def test_stamps_of_a_faulty_clock() -> None:
-    stamps = StampFaults(1)
-    assert stamps.shift([Injected("clock", "wrong", 1.0, 2.0)], 0.5, 500_000_000) == 0
-    assert stamps.shift([Injected("clock", "wrong", 1.0, 2.0)], 1.5, 1_500_000_000) == 3600 * 10**9
-    assert stamps.shift([Injected("clock", "off", 1.0, 2.0)], 1.5, 1_500_000_000) == -1_500_000_000
-    assert stamps.shift([Injected("clock", "slow", 1.0, 2.0, 0.1)], 1.5, 1_500_000_000) == -50_000_000
+    assert stamp_shift([Injected("clock", "wrong", 1.0, 2.0)], 0.5, 500_000_000, 1) == 0
+    assert stamp_shift([Injected("clock", "wrong", 1.0, 2.0)], 1.5, 1_500_000_000, 1) == 3600 * 10**9
+    assert stamp_shift([Injected("clock", "off", 1.0, 2.0)], 1.5, 1_500_000_000, 1) == -1_500_000_000
+    assert stamp_shift([Injected("clock", "slow", 1.0, 2.0, 0.1)], 1.5, 1_500_000_000, 1) == -50_000_000
 
 
 def states(readings: Array) -> list[tuple[int, ChannelState]]:

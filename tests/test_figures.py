@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from atpid_control.cli import main
-from atpid_control.views.report import report
+from atpid_control.views.report.page import report
 from atpid_sim.figure_style import KEY, Numbers, numbers_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import standard_bench

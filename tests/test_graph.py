@@ -19,9 +19,9 @@ from atpid_control.runs.read import Bag
 from atpid_control.runs.run import open_run
 from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.running import run_lockstep
+from atpid_control.stand.nodes.composition import run_lockstep
 from atpid_control.stand.summary import lost_scans, unanswered_blocks
-from atpid_control.views.report.stages import stages
+from atpid_control.views.report.view import view_of
 from atpid_sim.maps import DamperResponse, HeightMap
 from atpid_sim.scene import load_scene
 from studies.pure_loop import LoopRun, run_loop
@@ -214,7 +214,7 @@ def test_a_frequency_that_steps_is_selected_for_and_closed_where_the_damper_is_o
     changes = {"duration": 17.0, "steady_window": [16.0, 17.0], "frequency": frequency}
     path = scene_file(scenes / "stepping_frequency.yaml", tmp_path, **changes)
     bag = in_lockstep(path, tmp_path / "run")
-    found = stages(open_run(bag.path))
+    found = view_of(bag.path).stages
     assert [round(stage.identified_frequency, 2) for stage in found] == [5.25, 5.47, 3.2]
     assert [(stage.t0, stage.t1) for stage in found] == [(1.0, 5.0), (5.01, 10.0), (10.01, 17.0)]
     assert found[0].efficiency > 0.55

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from inventory import inventory
 from parts import BUDGET, FILE, FUNCTION, OTHERS, first, measured
-from sizes import budgets, sizes
+from sizes import ROOT, budgets, routes, sizes
 
 NODES = st.builds("test_{}.py::test_{}[{}]".format, st.integers(0, 3), st.integers(0, 3), st.integers(0, 9))
 COSTS = st.dictionaries(NODES, st.floats(0.0, 2.0 * FILE), min_size=1)
@@ -63,3 +63,15 @@ def test_the_project_stays_as_large_as_one_can_read() -> None:
     found, most = sizes(), budgets()
     assert found.keys() == most.keys()
     assert {name: size for name, size in found.items() if size > most[name]} == {}
+
+
+def test_each_file_of_a_route_is_reached_from_one_before_it() -> None:
+    listed = (ROOT / "tests/routes.yaml").read_text(encoding="utf-8")
+    for files in routes().values():
+        assert len(files) <= 12
+        before = ""
+        for path in files:
+            package, _, module = Path(path).with_suffix("").as_posix().partition("/")[2].rpartition("/")
+            imported = rf"{package.replace('/', '.')}(\.| import [\w\s,(]*\b){module}\b"
+            assert not before or re.search(imported, before) or f"{path} # " in listed, path
+            before += (ROOT / path).read_text(encoding="utf-8")

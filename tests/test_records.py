@@ -13,7 +13,7 @@ from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import recover
 from atpid_control.runs.run import open_run
 from atpid_control.runs.verify import verify
-from atpid_control.views.report import report
+from atpid_control.views.report.page import report
 
 BAGS = ROOT / "bags"
 WHOLE = ("thesis_4_3_short", "rumble", "laser_stuck")

@@ -10,18 +10,14 @@ from pathlib import Path
 from atpid_common.cli import Commands, is_among, run_commands, with_installed
 from atpid_common.errors import BAD_INPUT, not_installed
 
-_SIM, _CONTROL, _DRIVER, _ROS = (
-    "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes.ros_commands"
-)  # fmt: skip
+_SIM, _CONTROL = "atpid_sim.commands", "atpid_control.commands"
+_DRIVER, _ROS = "atpid_driver", "atpid_common.nodes.ros_commands"
 
 COMMANDS: Commands = {
     "Simulate, choose a height, design": {
         "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
-        "tradeoff": (
-            f"{_SIM}.tradeoff",
-            "which fidelity level and tolerance to take for which error on a scene",
-        ),
+        "tradeoff": (f"{_SIM}.tradeoff", "which fidelity level and tolerance to take for which error on a scene"),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
     },
     "Run the nodes": {

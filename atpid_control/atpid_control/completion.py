@@ -17,11 +17,12 @@ from atpid_common.cli import full_parser
 from atpid_common.errors import DONE
 from atpid_control.cli import commands
 
-#: Arguments of the example in the help.
 EXAMPLE = "bash --out out/completion.bash"
 SHELLS = ("bash", "zsh")
 #: Arguments that are scenes.
 _SCENES = ("scene", "scenes")
+#: Begins the name of a type that `path_to` returns: of a path with a certain ending.
+_PATH_TO = f"{path_to.__name__}."
 
 
 def script(shell: str) -> str:
@@ -30,14 +31,9 @@ def script(shell: str) -> str:
     for action in _actions(parser):
         if action.dest in _SCENES:
             action.complete = shtab.glob("*.yaml", "*.yml")  # type: ignore[attr-defined]
-        elif _is_path(action):
+        elif action.type is file_path or getattr(action.type, "__qualname__", "").startswith(_PATH_TO):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     return str(shtab.complete(parser, shell=shell, root_prefix="atpid"))
-
-
-def _is_path(action: argparse.Action) -> bool:
-    """Return whether the argument is a path: of the type `file_path`, or of one that `path_to` returns."""
-    return action.type is file_path or getattr(action.type, "__qualname__", "").startswith(f"{path_to.__name__}.")
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

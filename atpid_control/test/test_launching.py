@@ -16,6 +16,7 @@ from atpid_control.stand.launching.options import (
     LaunchArgumentError,
     arguments_of,
     check_names,
+    default_of,
     is_asked_for,
     namespace,
     words_of,
@@ -40,11 +41,11 @@ def given_to(command: str, **arguments: str) -> argparse.Namespace:
 
 @pytest.mark.parametrize("command", OPTIONS)
 def test_the_arguments_are_the_options_of_the_command_with_its_defaults(command: str) -> None:
-    parser, arguments = parser_of(command), {argument.name: argument for argument in arguments_of(command)}
+    parser, arguments = parser_of(command), arguments_of(command)
     usual, always = vars(parser.parse_args(["x"])), {"real_time": True} if command == "bench" else {}
     assert list(arguments) == [name for name in usual if name not in always]
-    (operand,) = (name for name, argument in arguments.items() if argument.default is None)
-    defaults = {name: argument.default or "" for name, argument in arguments.items()}
+    (operand,) = (name for name, option in arguments.items() if default_of(option) is None)
+    defaults = {name: default_of(option) or "" for name, option in arguments.items()}
     assert vars(given_to(command, **defaults | {operand: "x"})) == usual | always
 
 

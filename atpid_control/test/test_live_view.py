@@ -199,8 +199,8 @@ def test_lost_blocks_are_a_gap_in_the_lines() -> None:
     view = LiveView(None)
     for first in (0, 50, 150):  # the block from 100 on is lost
         view.on_block(block(first, tone(50, first)), 0.0)
-        truth = SimpleNamespace(header=header(100.0 + first / 1000.0), first_index=first, rate=1000.0,
-                                grain=np.zeros(50), ceiling=np.ones(50))  # fmt: skip
+        truth: Any = SimpleNamespace(header=header(100.0 + first / 1000.0), first_index=first, rate=1000.0,
+                                     grain=np.zeros(50), ceiling=np.ones(50))  # fmt: skip
         view.on_truth(truth, 0.0)
     rows = view.everything(0.0)["rows"]
     for name in ("motion", "truth"):

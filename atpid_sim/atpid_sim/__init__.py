@@ -18,6 +18,7 @@ _NAMES = [
 _ADDED = "atpid_sim"
 #: What packages of this project add, for where they are not installed.
 _ELSEWHERE = {
+    "kicked": "kicks of a motion are tried by the package atpid_dynamics",
     "open_run": "bags are read by the package atpid_control",
     "sweep": "many heights are swept by the package atpid_dynamics",
 }
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 
     from atpid_sim.api import *  # noqa: F403
 
-    sweep: Callable[..., Any]  # of atpid_dynamics, where its types are
+    _Added = Callable[..., Any]  # of atpid_dynamics, where its types are
+    kicked: _Added
+    sweep: _Added
 else:
 
     def __getattr__(name):

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import entry_points
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim import maps, periodic
@@ -25,14 +25,14 @@ __all__ = [
 ]  # fmt: skip
 #: The entry points by which an installed package has its kernels compiled: functions of a scene.
 KERNELS = "atpid.kernels"
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def compiled_first(function: _Function) -> _Function:
     """Return a function that first compiles or loads the engine for its scene, and prints that where it takes long."""
 
     @functools.wraps(function)
-    def called(scene: Scene, *args: Any, **others: Any) -> Any:
+    def called(scene: Scene, *args: object, **others: object) -> object:
         if not isinstance(scene, Scene):
             raise SceneError(f"scene: given {scene!r:.60}; allowed: a Scene, such as load_scene(path) returns")
         with announced(COMPILING):

@@ -7,7 +7,6 @@ Subclass `ContactLawContract` in a test file, with the law's name; pytest then r
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +49,7 @@ class ContactLawContract:
 
     law: str
 
-    def contact(self, **changes: Any) -> Contact:
+    def contact(self, **changes: object) -> Contact:
         """Return the law with the keys of its example, and `changes`."""
         example = LAWS[NAMES.index(self.law)].Spec.example
         return contact_of(standard_bench(contact={"law": self.law, **example, **changes}))

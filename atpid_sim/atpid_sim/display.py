@@ -54,7 +54,5 @@ def _progress(*columns: progress.ProgressColumn, kept: bool = False) -> progress
     from rich.console import Console
 
     console = Console(stderr=True)
-    return progress.Progress(
-        *columns, console=console, transient=not kept, disable=not (kept or console.is_terminal),
-        speed_estimate_period=_REMEMBERED,
-    )  # fmt: skip
+    off, speed = not (kept or console.is_terminal), _REMEMBERED
+    return progress.Progress(*columns, console=console, transient=not kept, disable=off, speed_estimate_period=speed)

@@ -5,7 +5,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Annotated, ClassVar, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag
 from pydantic_core import PydanticCustomError
@@ -89,32 +89,26 @@ def no_jump(points: tuple[tuple[float, float], ...], key: str = "") -> tuple[tup
     return points
 
 
-def _pair(value: Any) -> Any:
+def _pair(value: object) -> object:
     if isinstance(value, list | tuple) and len(value) == 2:
         return tuple(value)
     raise impossible("", value, "a pair of numbers")
 
 
-def _not_too_many(value: Any) -> Any:
+def _not_too_many(value: object) -> object:
     if isinstance(value, list | tuple) and len(value) > _MOST_POINTS:
         raise impossible("", Words(f"{len(value)} points"), f"at most {_MOST_POINTS}")
     return value
 
 
-AmplitudePoint = Annotated[tuple[Instant, Amplitude], BeforeValidator(_pair)]
-FrequencyPoint = Annotated[tuple[Instant, Hertz], BeforeValidator(_pair)]
-HeightPoint = Annotated[tuple[Instant, Length], BeforeValidator(_pair)]
+_Value = TypeVar("_Value")
+_Point = Annotated[tuple[Instant, _Value], BeforeValidator(_pair)]
 #: ((t, value), ...): straight between the points, constant before the first and after the last.
-AmplitudePoints = Annotated[
-    tuple[AmplitudePoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_rising)
-]
-FrequencyPoints = Annotated[
-    tuple[FrequencyPoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_in_order)
-]
+_Points = Annotated[tuple[_Point[_Value], ...], BeforeValidator(_not_too_many), Field(min_length=1)]
+_AmplitudePoints = Annotated[_Points[Amplitude], AfterValidator(_rising)]
+FrequencyPoints = Annotated[_Points[Hertz], AfterValidator(_in_order)]
+HeightPoints = Annotated[_Points[Length], AfterValidator(_rising)]
 HeightRange = Annotated[tuple[Length, Length], BeforeValidator(_pair)]
-HeightPoints = Annotated[
-    tuple[HeightPoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_rising)
-]
 Range = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
 
 
@@ -129,12 +123,12 @@ LocatedPath = Annotated[Path, AfterValidator(_located)]
 
 #: One amplitude [m], or points.
 AmplitudeOrPoints = Annotated[
-    Annotated[Amplitude, Tag("<number>")] | Annotated[AmplitudePoints, Tag("<points>")],
+    Annotated[Amplitude, Tag("<number>")] | Annotated[_AmplitudePoints, Tag("<points>")],
     Discriminator(lambda value: "<points>" if isinstance(value, list | tuple) else "<number>"),
 ]
 
 
-def _type_given(value: Any) -> str:
+def _type_given(value: object) -> str:
     if isinstance(value, list | tuple):
         return "<points>"
     return "<word>" if isinstance(value, str) else "<number>"
@@ -147,7 +141,7 @@ by_type = Discriminator(_type_given)
 def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:
     """Return a discriminator that selects the first variant of which a key is present: {tag: its keys}."""
 
-    def tag(value: Any) -> str | None:
+    def tag(value: object) -> str | None:
         if isinstance(value, Mapping):
             return next((name for name, own in keys.items() if any(key in value for key in own)), None)
         # a model that is validated again (copies): `kind` names its variant
@@ -156,7 +150,7 @@ def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:
     return Discriminator(tag, custom_error_type="no_variant", custom_error_message=hint)
 
 
-def variants_of(choice: Any) -> dict[str, type[SceneBlock]]:
+def variants_of(choice: object) -> dict[str, type[SceneBlock]]:
     """Return {tag: block} of the blocks from which a discriminator chooses."""
     union = get_args(choice)[0]
     return {tag.tag: block for block, tag in map(get_args, get_args(union))}

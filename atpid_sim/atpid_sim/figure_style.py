@@ -6,17 +6,24 @@ What is drawn as PNG and on a page is declared once, as panels: functions that d
 the numbers they show inside their PNG, so that a test can compare them with what is computed.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from atpid_common.output import writing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
 #: Size of the text [points].
 SIZE = 9.5
@@ -83,7 +90,7 @@ KEY = "Numbers"
 #: Title of each panel -> smallest, largest and mean x and y of each curve and bar chart in it.
 Numbers = dict[str, list[list[float]]]
 #: Panels from top to bottom, one or two in a row: each draws into axes, and leaves its legend to `legend_below`.
-Panels = Sequence[Sequence[Callable[[Any], None]]]
+Panels: TypeAlias = "Sequence[Sequence[Callable[[Axes], None]]]"
 #: Characters of a name from which on a legend has one column, and of a line of a title in half a picture's width.
 _LONG = 38
 #: Characters of a name that a legend shows at most.
@@ -91,7 +98,7 @@ _LONGEST = 3 * _LONG
 
 
 @contextmanager
-def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> Iterator[tuple[Any, Any]]:
+def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure and the panels of matplotlib's `subplots`, with `mosaic` of `subplot_mosaic`; at the block's
     end the picture is written to `path`.
 
@@ -123,7 +130,7 @@ def save_panels(panels: Panels, path: Path, height: float = 3.4, dpi: int = 150)
                 legend_below(panel)
 
 
-def legend_below(axes: Any) -> None:
+def legend_below(axes: Axes) -> None:
     """Draw the legend of what has a label below the axes and their label, where it hides no curve."""
     handles, names = axes.get_legend_handles_labels()
     if names:
@@ -133,32 +140,32 @@ def legend_below(axes: Any) -> None:
         axes.legend(handles, shown, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=3.8, ncols=columns)
 
 
-def logarithmic(axes: Any) -> None:
+def logarithmic(axes: Axes) -> None:
     """Make the axis of ordinates logarithmic, with labels at 1, 2 and 5 in each decade."""
     axes.set_yscale("log")
     for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         formatted(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else "")
 
 
-def numbers_of(figure: Any) -> Numbers:
+def numbers_of(figure: Figure) -> Numbers:
     """Return what a drawn matplotlib figure shows; not-finite values are left out."""
     titles = ["".join(axes.get_title(loc=place) for place in ("left", "center", "right")) for axes in figure.axes]
     return {f"{place} {title}": _panel(figure.axes[place]) for place, title in enumerate(titles)}
 
 
-def metadata_of(figure: Any) -> dict[str, str]:
+def metadata_of(figure: Figure) -> dict[str, str]:
     """Return the `metadata` with which matplotlib's `savefig` keeps the numbers in the PNG."""
     return {KEY: json.dumps(numbers_of(figure), ensure_ascii=True)}
 
 
-def _panel(axes: Any) -> list[list[float]]:
+def _panel(axes: Axes) -> list[list[float]]:
     curves = [_summary(line.get_xdata()) + _summary(line.get_ydata()) for line in axes.get_lines()]
     charts = [container.patches for container in axes.containers if hasattr(container, "patches")]
     bars = [[bar.get_width(), bar.get_height()] for chart in charts for bar in chart]
     return curves + ([_summary(column) for column in np.transpose(bars)] if bars else [])
 
 
-def _summary(values: Any) -> list[float]:
+def _summary(values: ArrayLike) -> list[float]:
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
     return [float(f"{value:.5g}") for value in (finite.min(), finite.max(), finite.mean())] if finite.size else []

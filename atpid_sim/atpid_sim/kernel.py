@@ -40,7 +40,7 @@ class SharedCacheLocator(InTreeCacheLocator):  # type: ignore[misc]
         return _FOLDERS[self._py_file]
 
     @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> SharedCacheLocator | None:
+    def from_function(cls, py_func: Callable[..., object], py_file: str) -> SharedCacheLocator | None:
         """Return the locator of a function, None if its file has no folder here."""
         if py_file not in _FOLDERS:
             return None
@@ -88,7 +88,7 @@ inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always")
 lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
 
-def chosen(one: Callable[..., Any], several: Callable[..., Any]) -> Callable[..., Any]:
+def chosen(one: Callable[..., object], several: Callable[..., object]) -> Callable[..., Any]:
     """Return a function for kernels: `one` where its first argument is None, else `several`.
 
     Which of them is decided when the caller is compiled, so that the results may have different types; both take the
@@ -99,7 +99,7 @@ def chosen(one: Callable[..., Any], several: Callable[..., Any]) -> Callable[...
         raise NotImplementedError("compiled code only")
 
     @overload(function, inline="always", strict=False)  # type: ignore[untyped-decorator]
-    def by_type(*arguments: object) -> Callable[..., Any]:
+    def by_type(*arguments: object) -> Callable[..., object]:
         return one if isinstance(arguments[0], types.NoneType) else several
 
     return function

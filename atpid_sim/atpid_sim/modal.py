@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+#: Numbers; the docstrings give shape and unit.
 Array = NDArray[np.float64]
 
 #: Motion of the container in a joined mode, over the largest, below which it has a node there.
@@ -68,10 +69,9 @@ def modes_of(free: ModeSet, grain: float, gravity: float) -> Modes:
     order = [first, *(k for k in range(len(squares)) if k != first)]
     shapes, squares, mass = (shapes / at_container)[:, order], squares[order], at_container[order] ** -2.0
     weight = -free.mass * free.gravity - grain * gravity
-    joined = ModeSet(
-        mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,
-        shapes.T @ free.rate, -(shapes.T @ weight) / mass,
-    )  # fmt: skip
+    damping = np.einsum("ij,i,ij->j", shapes, free.damping, shapes)
+    direct, rate = shapes.T @ free.direct, shapes.T @ free.rate
+    joined = ModeSet(mass, squares * mass, damping, direct, rate, -(shapes.T @ weight) / mass)
     to_joined = np.ascontiguousarray((shapes / mass).T @ joined_mass)
     return Modes(free, joined, to_joined, np.ascontiguousarray(shapes))
 

@@ -18,12 +18,15 @@ from atpid_sim.figure_style import LIGHT, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from xarray import Dataset
 
 #: Columns of an impact and their units: wall +1 floor, -1 ceiling; closing speed.
 IMPACT = {"time": "s", "wall": "1", "speed": "m/s"}
+#: An array of numbers, or of rows of named columns.
+Rows = NDArray[Any]
 
 
-def named_impacts(rows: NDArray[np.float64]) -> NDArray[Any]:
+def named_impacts(rows: NDArray[np.float64]) -> Rows:
     """Return impacts (k, 3), whose columns are `IMPACT`, as a structured array (k,): `impacts["speed"]`."""
     return np.array(list(map(tuple, rows)), dtype=[(name, float) for name in IMPACT])
 
@@ -71,7 +74,7 @@ class Shown:
 class Labelled(Shown):
     """The same, of numbers, text and arrays."""
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> Dataset:
         """Return an xarray Dataset: arrays by dimension and numbers, each with its `units`; text as attributes.
 
         Raises InputError where xarray is not installed.
@@ -119,7 +122,7 @@ class Drawn(Labelled):
                 axes.legend()
         return axes
 
-    def _lines(self, name: str) -> Iterator[tuple[str, Any]]:
+    def _lines(self, name: str) -> Iterator[tuple[str, Rows]]:
         """Yield a label and a curve (n,) for each place in the dimensions before the last."""
         values = getattr(self, name)
         dims = self.labels[name][1].split()[-values.ndim : -1]
@@ -134,7 +137,7 @@ def _word(name: str) -> str:
     return name.replace("_", " ").removesuffix("s")
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Return a value in short; empty where there is none."""
     if isinstance(value, np.ndarray) and value.dtype.names:
         return f"{len(value)} rows of {', '.join(value.dtype.names)}"

@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every part computes with: arrays, and the system's masses, spring, damper and weight."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from atpid_sim.modal import Array as Array
 from atpid_sim.modal import ModeSet, container_mass, modes_in
-
-#: Numbers; the docstrings give shape and unit.
-Array = NDArray[np.float64]
 
 
 class System(NamedTuple):
@@ -22,7 +19,7 @@ class System(NamedTuple):
     damping: float
     gravity: float
     radius: float
-    modes: Any = None  # `modal.Modes.table` of a structure that has several; the rest is then of the first
+    modes: Array | None = None  # `modal.Modes.table` of a structure that has several; the rest is then of the first
 
 
 def structure_of(system: System, *, held: bool) -> ModeSet:

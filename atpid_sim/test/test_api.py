@@ -36,7 +36,7 @@ def test_a_name_of_a_package_that_is_not_installed_is_answered_with_the_package(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: [])
-    for name, package in (("sweep", "atpid_dynamics"), ("open_run", "atpid_control")):
+    for name, package in (("sweep", "atpid_dynamics"), ("kicked", "atpid_dynamics"), ("open_run", "atpid_control")):
         with refused(AttributeError, name, package, "not installed"):
             getattr(ap, name)
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sim_refusals import refused
-from test_basin import forced
 
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing
@@ -25,6 +24,13 @@ FURTHER = [
     {"mass": 0.9, "frequency": 31.0, "damping_ratio": 0.01, "drive_factor": -0.4},
     {"mass": 2.4, "frequency": 17.0, "damping_ratio": 0.02, "drive_factor": 0.3},
 ]
+
+
+def forced(scene: Scene) -> Scene:
+    """The same with the force that the support's motion exerts through spring and damper."""
+    beam, amplitude = scene.beam, scene.excitation.amplitude_points[-1][1]
+    force = amplitude * abs(complex(beam.stiffness, 2.0 * math.pi * scene.frequency_hz * beam.damping))
+    return scene.with_(drive="force", amplitude=force)
 
 
 def scene_of(drive: str = "support", modes: int = 2, amplitude: float = 0.02, **changes: Any) -> Scene:

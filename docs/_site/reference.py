@@ -120,7 +120,7 @@ def returned(function: Any) -> Iterator[type]:
 def interface() -> str:
     """Return a section for each name of `import atpid_sim as ap`, and for the classes of what it returns."""
     objects = {f"atpid_sim.{name}": getattr(atpid_sim, name) for name in atpid_sim.api.__all__}
-    objects["atpid_dynamics.api.sweep"] = atpid_dynamics.api.sweep
+    objects |= {f"atpid_dynamics.api.{name}": getattr(atpid_dynamics.api, name) for name in ("kicked", "sweep")}
     objects["atpid_control.open_run"] = atpid_control.open_run
     functions = {name: each for name, each in objects.items() if not inspect.isclass(each)}
     classes = {each for each in objects.values() if inspect.isclass(each)}

@@ -24,6 +24,7 @@ setup(
     entry_points={
         "atpid.commands": [f"{NAME} = {NAME}.commands:COMMANDS"],
         "atpid.kernels": [f"{NAME} = {NAME}.api:compile_kernels"],
-        "atpid_sim": [f"sweep = {NAME}.api:sweep"],  # what `import atpid_sim` offers beside its own
+        # what `import atpid_sim` offers beside its own
+        "atpid_sim": [f"{name} = {NAME}.api:{name}" for name in ("kicked", "sweep")],
     },
 )

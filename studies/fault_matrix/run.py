@@ -15,9 +15,9 @@ from atpid_control.runs.errors import BagError
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.runs.verify import verify
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.nodes.composition import run_lockstep
 from atpid_control.stand.parameters import BenchError
 from atpid_control.stand.parts import parameters_for
-from atpid_control.stand.running import run_lockstep
 from atpid_sim.scene import Scene
 from atpid_sim.scene.scene import scene_from_mapping
 from atpid_sim.simulation.quantities import half_peak_to_peak

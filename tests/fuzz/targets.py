@@ -219,7 +219,7 @@ def _launch(path: Path) -> None:
 
 
 def _launch_arguments() -> st.SearchStrategy[bytes]:
-    names = [argument.name for command in OPTIONS for argument in arguments_of(command)]
+    names = [name for command in OPTIONS for name in arguments_of(command)]
     odd = ["", "~nobody/x", "/dev/zero", "/proc/self/mem", ".", "nan", "1e999", "-1", "x" * 300, "y/" * 3000]
     values = st.sampled_from([*odd, "$(python -c 1)", "scenes/standard.yaml", str(ROOT / "scenes/standard.yaml")])
     text = st.text(st.characters(exclude_characters="\0"), max_size=20)  # which no command line has

@@ -16,8 +16,9 @@ from atpid_dynamics.heights import opened
 from atpid_dynamics.over_heights import HeightSweep, Way, over_heights
 from atpid_sim.engine import columns, drive
 from atpid_sim.outcome import Outcome
-from atpid_sim.periodic import Method, SteadyEnding, steady_state
+from atpid_sim.periodic import SteadyEnding, steady_state
 from atpid_sim.periodic.run_on import rows_until
+from atpid_sim.periodic.solve import Method
 from atpid_sim.periodic.steady import extrapolated
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.simulation.batch import Batch, Workers

@@ -7,14 +7,14 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 
+from atpid_common.files import Document
 from atpid_common.middleware import named_domain
 from atpid_common.output import writing
 from atpid_common.real_time import LOOP_PRIORITY, refusal
@@ -27,9 +27,9 @@ from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.launching.options import add_bench as add_arguments
 from atpid_control.stand.parameters import BenchError, Parameters, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, exciter_of, parameters_for, parts_of
+from atpid_control.stand.parts import exciter_of, given_parameters, parameters_for, parts_of
 from atpid_control.stand.processes import RESTART_TIME, stoppable
-from atpid_control.stand.running import Commands, RosOptions, commands_of, run_lockstep, run_realtime, shown
+from atpid_control.stand.running import Commands, RosOptions, commands_of, run_realtime, shown
 from atpid_driver.emulator import missing_tools
 from atpid_sim.display import working
 from atpid_sim.plant.plant import Plant
@@ -40,7 +40,6 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 #: The tone of the warm-up: rate [Hz], samples a block, blocks.
 _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --out out/bench"
 
 
@@ -61,7 +60,7 @@ def recorded(args: argparse.Namespace) -> Iterator[Scene]:
             if given := getattr(args, name):
                 option = f"--{name.replace('_', '-')}"
                 raise BenchError(f"{option}: given {given}; allowed: with --real-time or --emulated-stand")
-    given = read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
+    given = given_parameters(args)
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -94,9 +93,8 @@ def _run_graph(
 
 
 def _run_nodes(
-    args: argparse.Namespace, scene: Scene, out: Path, parameters: Parameters,
-    commands: Callable[[Path], Commands],
-) -> None:  # fmt: skip
+    args: argparse.Namespace, scene: Scene, out: Path, parameters: Parameters, commands: Callable[[Path], Commands]
+) -> None:
     parameter_file = out / "parameters.yaml"
     # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]
@@ -125,16 +123,16 @@ def _run_nodes(
                     print(f"{refused}; other programs may delay the loop", file=sys.stderr)
                 ros = RosOptions.of(args)
                 nodes = [*commands(parameter_file), *commands_of(parameter_file, page, ros)]
-                run_realtime(
-                    nodes, out / "log", progress, namespace=ros.namespace, restarts=ros.restarts, faults=scene.injected
-                )
+                run_realtime(nodes, out / "log", progress, ros, faults=scene.injected)
             else:
+                from atpid_control.stand.nodes.composition import run_lockstep  # needs ROS
+
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(stopped(out / "bag")) from None
 
 
-def _warm_up_kernels(scene: Scene, identifier: Mapping[str, Any]) -> None:
+def _warm_up_kernels(scene: Scene, identifier: Document) -> None:
     """Compile what the graph needs, or load it, before it starts, so that every node finds it in the cache."""
     console = Console(stderr=True)
     with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
@@ -155,7 +153,7 @@ def _advance(scene: Scene) -> None:
     Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
 
 
-def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:
+def _identify(frequency: float, parameters: Document) -> None:
     """Feed a tone that changes, with noise, hum and a gap, so that every path of the identification is taken."""
     trial = Identifier(identification_settings(parameters.__getitem__))
     time = np.arange(_BLOCK * _BLOCKS) / _RATE
@@ -182,7 +180,7 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     from atpid_control.runs.run import open_run
     from atpid_control.stand.summary import show, summary_of, write_summary
     from atpid_control.views.report.page import write_report
-    from atpid_control.views.report.view import view_of
+    from atpid_control.views.report.view import headline, view_of
 
     with working("reading the bag, repeating its stages by simulation"):
         view = view_of(open_run(out / "bag"))
@@ -191,8 +189,8 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
         write_summary(summary, out / "summary.json")
     show(summary, view, scene, Console(width=max(110, shutil.get_terminal_size().columns), highlight=False))
     with working("drawing the report"):
-        made = write_report(view, out)
-    print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
+        page = write_report(view, out)
+    print(f"{headline(view)}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {page}")
     if view.run.duration < scene.duration - 2.0 * scene.recording.block:
         recorded = f"recorded {view.run.duration:g} s of {scene.duration:g} s"
         raise BenchError(f"{out / 'bag'}: {recorded}; see its last events")

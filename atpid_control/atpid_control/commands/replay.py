@@ -22,7 +22,6 @@ from atpid_control.stand.running import RosOptions, commands_of, run_realtime, s
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-#: Arguments of the example in the help.
 EXAMPLE = "bags/thesis_4_3_short --out out/again"
 
 
@@ -36,14 +35,14 @@ def run(args: argparse.Namespace) -> int:
         )
         for note in (*playback.notes, *files.notes):
             print(note, file=sys.stderr)
-        ros = RosOptions(namespace_of(playback.bag), args.log_level or "")
+        ros = RosOptions(_namespace_of(playback.bag), args.log_level or "")
         commands = commands_of(files.parameters, (REPLAY, IDENTIFIER, SELECTOR, RECORDER), ros)
         with own_domain(args.domain), stoppable(), shown(playback.seconds, bag.name) as progress:
-            run_realtime(commands, out / "log", progress, source=REPLAY.name, namespace=ros.namespace)
+            run_realtime(commands, out / "log", progress, ros, source=REPLAY.name)
         return _conclude(bag, out)
 
 
-def namespace_of(bag: Bag) -> str:
+def _namespace_of(bag: Bag) -> str:
     """Return the namespace the graph of the bag ran in; empty: none."""
     suffix = "/excitation"
     topics = [topic for topic in bag.topics_of("Excitation") if topic.endswith(suffix)]

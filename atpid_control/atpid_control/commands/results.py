@@ -5,9 +5,10 @@
 import argparse
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import NamedTuple, TextIO
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -15,7 +16,8 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
-from atpid_control.views.static_page import drawn, rendered
+from atpid_common.files import Document
+from atpid_control.views.static_page import document, drawn, facts, table, warnings
 from atpid_sim.figure_style import Panels, save_panels
 
 _WIDTH = 110
@@ -40,9 +42,8 @@ def add_results(parser: argparse.ArgumentParser, what: str = "picture and number
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Declare the bag to read."""
-    parser.add_argument(
-        "bag", type=file_path, metavar="BAG", help="folder of the bag; of one that is cut off what is there"
-    )
+    folder = "folder of the bag; of one that is cut off what is there"
+    parser.add_argument("bag", type=file_path, metavar="BAG", help=folder)
 
 
 def add_part(parser: argparse.ArgumentParser, begin: str = "begin of the part") -> None:
@@ -65,26 +66,20 @@ def claim(args: argparse.Namespace, *names: str) -> list[Path]:
 
     The page of a picture is claimed with it. A folder with an earlier result and nothing else needs no `--force`.
     """
-    every = [*names, *(_page_of(Path(name)).name for name in names if name.endswith(".png"))]
+    every = [*names, *(f"{name[:-4]}.html" for name in names if name.endswith(".png"))]
     replace = args.force or {item.name for item in output.folder(args.out).iterdir()} == set(every)
     return [output.file(args.out / name, replace=replace) for name in every][: len(names)]
 
 
-def _page_of(picture: Path) -> Path:
-    return picture.with_suffix(".html")
-
-
-def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown: Shown) -> int:
+def give(args: argparse.Namespace, numbers: Document, file: Path, shown: Shown) -> int:
     """Write the numbers, NaN as null, the picture and the page, and print them or the table with its notes; return 0.
 
-    Raises OutputError.
-
-    What is `missing` in the numbers is printed after the notes.
+    What is `missing` in the numbers is printed after the notes. Raises OutputError.
     """
-    plain = output.finite(dict(numbers))
+    plain = output.finite(numbers)
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        page = _page_of(shown.picture)
+        page = shown.picture.with_suffix(".html")
         if shown.panels:
             save_panels(shown.panels, shown.picture)
         page.write_text(_page(shown, numbers["missing"]), encoding="utf-8")
@@ -102,15 +97,15 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
 def _page(shown: Shown, missing: Iterable[str]) -> str:
     """Return the results as a page: the panels, the table, the notes."""
     heads = [str(column.header) for column in shown.table.columns]
-    rows = list(zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True))
-    names = {
-        "title": shown.title,
-        "notes": [*shown.notes, *(f"missing: {line}" for line in missing)],
-        "panels": drawn(shown.panels),
-        "rows": [dict(zip(heads, row, strict=True)) for row in rows if any(heads)],
-        "facts": [] if any(heads) else rows,
-    }
-    return rendered("results.html", "atpid_control.views.report", names)
+    rows = zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True)
+    parts = (
+        f"<h1>{escape(shown.title)}</h1>",
+        warnings([*shown.notes, *(f"missing: {line}" for line in missing)]),
+        drawn(shown.panels),
+        "<h2>In numbers</h2>",
+        table(shown.title, heads, rows) if any(heads) else facts(rows),
+    )
+    return document(shown.title, parts, "ol.events li{grid-template-columns:10px 1fr} td{white-space:normal}")
 
 
 def print_missing(lines: Iterable[str], file: TextIO | None = None) -> None:

@@ -5,9 +5,9 @@
 import argparse
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -30,15 +30,8 @@ from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import steady_amplitude
 from atpid_sim.simulation.quantities import efficiency, worse_than_without
 
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
 _USUAL = Options()
-#: The options by name of the argument.
-_OPTIONS = {
-    "stiffness_uncertainty": "--stiffness-uncertainty",
-    "deadline": "--deadline",
-    "gravity": "--without-gravity",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,25 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choices = [name for name in methods() if name != "fixed"]
     add("--method", choices=choices, help="how the height is selected; default: the scene's controller")
     add("--map", type=file_path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
-    add(
-        "--amplitude-std", type=real(0.0, 1e3), default=0.0, metavar="S",
-        help="of the amplitude [m], or [N] under a force; default 0",
-    )  # fmt: skip
-    add(
-        "--margin",
-        type=real(0.0, 100.0),
-        default=0.0,
-        metavar="K",
-        help="standard deviations to be safe for; default 0",
-    )
-    add(
-        "--stiffness-uncertainty",
-        type=real(0.0, 0.5),
-        metavar="U",
-        help=f"direct only: relative error of the model's stiffness; default {_USUAL.stiffness_uncertainty}",
-    )
+    std = "of the amplitude [m], or [N] under a force; default 0"
+    add("--amplitude-std", type=real(0.0, 1e3), default=0.0, metavar="S", help=std)
+    margin = "standard deviations to be safe for; default 0"
+    add("--margin", type=real(0.0, 100.0), default=0.0, metavar="K", help=margin)
+    stiffness = f"direct only: relative error of the model's stiffness; default {_USUAL.stiffness_uncertainty}"
+    add("--stiffness-uncertainty", type=real(0.0, 0.5), metavar="U", help=stiffness)
     add("--deadline", type=positive("s"), metavar="S", help="direct only: time for a margin [s]; default none")
-    add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
+    gravity = "pca only: all models without gravity (Fig. 4.43)"
+    add("--without-gravity", dest="gravity", action="store_const", const=False, help=gravity)
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
 
@@ -88,14 +71,7 @@ def run(args: argparse.Namespace) -> int:
             raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
         raise
     bare = scene.linear_amplitude(amplitude, scene.frequency_hz, grain=False)
-    reduction = efficiency(chosen.beam_amplitude, bare)
-    warnings = [*scene.warnings(), *range_warnings(scene, chosen), *worse_than_without(reduction)]
-    if args.json:
-        today = finite({"bare_amplitude": bare, "reduction": reduction})
-        shown = to_json(chosen) | today | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
-        print(json.dumps(shown, allow_nan=False))
-    else:
-        _show(f"{args.scene}: {chosen.method} at {amplitude:g} {scene.driven_by.unit}", scene, chosen, warnings, bare)
+    _give(args, scene, chosen, bare, f"{chosen.method} at {amplitude:g} {scene.driven_by.unit}")
     return 0
 
 
@@ -111,35 +87,36 @@ def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
     from atpid_control.selection.by_rms import least_rms
 
     chosen, bare, unsure = least_rms(scene)
-    reduction = efficiency(chosen.beam_amplitude, bare)
-    warnings = [*scene.warnings(), *range_warnings(scene, chosen), *unsure, *worse_than_without(reduction)]
-    if args.json:
-        shown = to_json(chosen) | {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
-        shown |= {"resonance": scene.natural_frequency_hz, "measure": "root mean square"}
-        print(json.dumps(finite(shown), allow_nan=False))
-    else:
-        _show(f"{args.scene}: direct, by root mean square", scene, chosen, warnings, bare, "RMS of the beam")
+    _give(args, scene, chosen, bare, "direct, by root mean square", unsure)
     return 0
 
 
-def to_json(chosen: Selection) -> dict[str, Any]:
-    """Return a selection's fields by the names of `--json`; NaN as None."""
-    plain = asdict(chosen)
-    plain["amplitude"] = plain.pop("beam_amplitude")
-    return dict(finite(plain))
+def _give(
+    args: argparse.Namespace, scene: Scene, chosen: Selection, bare: float, title: str, unsure: Sequence[str] = ()
+) -> None:
+    """Print the selection; `bare`: amplitude of the beam without the damper [m], or its root mean square."""
+    reduction = efficiency(chosen.beam_amplitude, bare)
+    warnings = [*scene.warnings(), *range_warnings(scene, chosen), *unsure, *worse_than_without(reduction)]
+    if args.json:
+        shown = asdict(chosen)
+        shown["amplitude"] = shown.pop("beam_amplitude")
+        shown |= {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
+        shown["resonance"] = scene.natural_frequency_hz
+        if scene.excitation.is_stationary:
+            shown["measure"] = "root mean square"
+        print(json.dumps(finite(shown), allow_nan=False))
+    else:
+        _show(f"{args.scene}: {title}", scene, chosen, warnings, bare)
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
-    values = {
-        "stiffness_uncertainty": args.stiffness_uncertainty,
-        "deadline": args.deadline,
-        "gravity": False if args.without_gravity else None,
-    }
-    given = {name: value for name, value in values.items() if value is not None}
+    options = ("stiffness_uncertainty", "deadline", "gravity")
+    given = {name: value for name in options if (value := getattr(args, name)) is not None}
     for name in given:
         if name not in TAKES.get(args.method, ()):
             taking = ", ".join(method for method, taken in TAKES.items() if name in taken)
-            raise SelectionError(f"{_OPTIONS[name]}: given with method {args.method}; allowed with {taking}")
+            option = "--without-gravity" if name == "gravity" else f"--{name.replace('_', '-')}"
+            raise SelectionError(f"{option}: given with method {args.method}; allowed with {taking}")
     return make_selector(args.method, scene, _map(args, scene), replace(_USUAL, **given))
 
 
@@ -150,16 +127,14 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
     from atpid_control.selection.map_cache import map_for
 
     closed = 2.0 * scene.grain.radius
-    given = scene.ceiling.map
     looked_up = {"closed": closed, "range": [closed, 1e3], "speed": 1.0, "controller": "lookup"}
-    if given is not None:
-        looked_up["map"] = str(given)
+    if scene.ceiling.map is not None:
+        looked_up["map"] = str(scene.ceiling.map)
     return map_for(scene.with_(ceiling=looked_up))
 
 
-def _show(
-    title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float, measure: str = "beam amplitude"
-) -> None:  # fmt: skip
+def _show(title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float) -> None:
+    measure = "RMS of the beam" if scene.excitation.is_stationary else "beam amplitude"
     table = Table(title=title, show_header=False)
     rows = {
         "height": f"{chosen.height:.4f} m",

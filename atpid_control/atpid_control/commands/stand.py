@@ -15,10 +15,9 @@ from atpid_common.errors import DONE
 from atpid_common.middleware import named_domain
 from atpid_control.runs.writer import check_new
 from atpid_control.selection.map_cache import map_of_run
-from atpid_control.stand import live_page
+from atpid_control.stand import live_page, parts
 from atpid_control.stand.launching.options import add_stand as add_arguments
-from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import NAMES, NODES, SUPERVISOR, Part, devices_of, stand_parameters, usual_parameters
+from atpid_control.stand.parameters import Parameters, combined, write_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -27,12 +26,10 @@ from atpid_sim.scene import Scene, load_scene
 
 __all__ = ["EXAMPLE", "LIVE", "add_arguments", "run"]
 
-_LOOP = [NODES[name] for name in ("identifier_node", "selector_node", "recorder_node")]
 NO_LEVELS = (
     "no abort level is set: however far the beam moves, the motor stays on; "
     "set those of your stand for supervisor_node with --params-file (docs/graph.md, Levels)"
 )
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --map map.npz --bag out/run"
 
 
@@ -48,29 +45,29 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is not None:
         check_new(args.bag)
     # in the order of stopping: what moves first, the recorder last
-    devices, moving = devices_of(args), 2 if args.excitation_config else 1
-    parts = [*devices[:moving], SUPERVISOR, *devices[moving:], *_LOOP, *live_page.parts(args)]
+    devices, moving = parts.devices_of(args), 2 if args.excitation_config else 1
+    nodes = [*devices[:moving], parts.SUPERVISOR, *devices[moving:], *parts.LOOP, *live_page.parts(args)]
     ros = RosOptions.of(args)
     with suppress(KeyboardInterrupt), stoppable(), tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder:
         file = Path(folder) / "parameters.yaml"
-        parameters = _parameters(args, scene, parts, file)
-        if all(math.isinf(parameters[SUPERVISOR.name].get(f"{name}_abort", math.inf)) for name in QUANTITIES):
+        parameters = _parameters(args, scene, nodes, file)
+        if all(math.isinf(parameters[parts.SUPERVISOR.name].get(f"{name}_abort", math.inf)) for name in QUANTITIES):
             print(NO_LEVELS, file=sys.stderr)
         write_parameters(parameters, file)
-        with Processes(commands_of(file, parts, ros), None, restarts=ros.restarts) as nodes:
-            keep_running(nodes, ros.namespace, args.seconds)
+        with Processes(commands_of(file, nodes, ros), None, restarts=ros.restarts) as running:
+            keep_running(running, ros.namespace, args.seconds)
     return DONE
 
 
-def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file: Path) -> Parameters:
+def _parameters(args: argparse.Namespace, scene: Scene, nodes: list[parts.Part], file: Path) -> Parameters:
     """Return what each node starts with, which the recorder keeps from `file`, with the map."""
-    given = read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
-    usual = usual_parameters(parts, scene)
+    given = parts.given_parameters(args)
+    usual = parts.usual_parameters(nodes, scene)
     method = given.get("selector_node", {}).get("method", "")
     height_map = map_of_run(scene, args.map and args.map.absolute(), method)
     kept = [str(path) for path in (file, height_map) if path]
     bag = str(args.bag.absolute()) if args.bag else ""
-    own = stand_parameters(parts, args.scene, height_map)
+    own = parts.stand_parameters(nodes, args.scene, height_map)
     own["motor_node"] |= {"check_move": args.move} if args.move else {}
     own["supervisor_node"]["restart_time"] = RESTART_TIME if args.restarts else 0.0
     own["recorder_node"] = {"scene": str(args.scene.absolute()), "bag": bag, "files": kept}
@@ -87,9 +84,4 @@ def _live_arguments(parser: argparse.ArgumentParser) -> None:
     add("--namespace", type=graph_name, metavar="NAME", help="of the nodes; default: none")
 
 
-def _live(args: argparse.Namespace) -> int:
-    """Serve the page until interrupted; return the exit status."""
-    return live_page.serve(args.host, args.port, args.scene, args.namespace)
-
-
-LIVE = Command(_live_arguments, _live, "--scene scenes/thesis_4_3.yaml --port 8080")
+LIVE = Command(_live_arguments, live_page.serve, "--scene scenes/thesis_4_3.yaml --port 8080")

@@ -129,6 +129,7 @@ def response_lag(system: System, frequency: float) -> float:
 
 def modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
     """Return the displacement of each mode (modes,) over the drive's amplitude: of `moving_mass` for several modes."""
+    assert system.modes is not None
     modes = modes_in(system.modes)
     alone, closed = phasors(modes.free, frequency), modes.from_joined @ phasors(modes.joined, frequency)
     return min(alone, closed, key=lambda each: abs(each.sum()))

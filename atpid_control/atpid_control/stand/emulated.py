@@ -12,23 +12,8 @@ import math
 from pathlib import Path
 
 from atpid_common.injected_faults import CEILING, LINK
+from atpid_control.stand import parts
 from atpid_control.stand.parameters import BenchError, Parameters, combined
-from atpid_control.stand.parts import (
-    EXCITER,
-    FEED,
-    LABJACK,
-    NODES,
-    PARTS,
-    SERIAL_MOTOR,
-    SUPERVISOR,
-    added_part,
-    ceiling_parameters,
-    exciter_of,
-    own_parameters,
-    program,
-    supervised,
-    usual_parameters,
-)
 from atpid_control.stand.running import PLAIN, Commands, RosOptions, command_of
 from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.standins.device import Control, Outputs, build, environment
@@ -36,14 +21,12 @@ from atpid_sim.scene import Scene
 
 #: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.
 _BEHIND = "emulated/sensors/laser"
-_LOOP = ("identifier", "selector", "recorder")
 _CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
 
 
 def parameters_emulated(
-    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, place: Path, *, board: bool,
-    given: Parameters | None = None,
-) -> Parameters:  # fmt: skip
+    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, place: Path, *, board: bool, given: Parameters
+) -> Parameters:
     """Return what each node starts with; `place` is the folder of the port and the feed, `board`: firmware is emulated.
 
     given: values of the user's parameter file.
@@ -52,13 +35,12 @@ def parameters_emulated(
     """
     if not scene.ceiling.controlled:
         raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
-    scene.refuse_faults(
-        "the emulated stand", ("clock", *CEILING)
-    )  # its device has a clock, and the firmware a motor, of its own
+    # its device has a clock, and the firmware a motor, of its own
+    scene.refuse_faults("the emulated stand", ("clock", *CEILING))
     if not board:
         scene.refuse_faults("an emulated stand without its board (sudo make avr-tools)", LINK)
-    parameters = own_parameters(scene, scene_file, height_map, bag, lockstep=False, link=True)
-    motor, ceiling = SERIAL_MOTOR.configured(), ceiling_parameters(scene)
+    parameters = parts.own_parameters(scene, scene_file, height_map, bag, lockstep=False, link=True)
+    motor, ceiling = parts.SERIAL_MOTOR.configured(), parts.ceiling_parameters(scene)
     if abs(ceiling["speed"] - motor["speed"]) > 1e-9:
         raise BenchError(
             f"ceiling.speed {ceiling['speed']:g} m/s: the firmware's motor has {motor['speed']:g} m/s; "
@@ -74,13 +56,14 @@ def parameters_emulated(
     parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
     rest = [0.0, scene.initial_deflection - scene.static_deflection]
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND, "rest": rest} | sampled
-    if excited := exciter_of(scene):
-        exciter, own = added_part(EXCITER), (given or {}).get(EXCITER, {})
-        parameters[EXCITER], more = exciter.emulated(scene, place, exciter.simulated(scene) | own)
+    if excited := parts.exciter_of(scene):
+        exciter, own = parts.added_part(parts.EXCITER), given.get(parts.EXCITER, {})
+        parameters[parts.EXCITER], more = exciter.emulated(scene, place, exciter.simulated(scene) | own)
         parameters["feed_node"] |= more
-    parameters[SUPERVISOR.name] = supervised((*PARTS, *excited, LABJACK, FEED), scene, scene_file)
-    usual = usual_parameters((*PARTS, *excited, SUPERVISOR, LABJACK, FEED), scene)
-    return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
+    nodes = (*parts.PARTS, *excited, parts.LABJACK, parts.FEED)
+    parameters[parts.SUPERVISOR.name] = parts.supervised(nodes, scene, scene_file)
+    usual = parts.usual_parameters((*nodes, parts.SUPERVISOR), scene)
+    return combined(usual | ({"motor_node": motor} if board else {}), parameters, given)
 
 
 def _load_cell(scene: Scene, place: Path) -> Path:
@@ -96,36 +79,36 @@ def calibrated(
     path: Path, channel: str, unit: str, coefficients: tuple[float, float], volts: tuple[float, float]
 ) -> Path:
     """Write the calibration of an emulated device, and return its file."""
-    save(Calibration(channel=channel, sensor="emulated", serial="none", date=datetime.date(2026, 11, 24),
-                     source="definition", unit=unit, coefficients=coefficients, limits_volts=volts), path)  # fmt: skip
+    about = {"sensor": "emulated", "serial": "none", "source": "definition", "date": datetime.date(2026, 11, 24)}
+    save(Calibration(channel=channel, unit=unit, coefficients=coefficients, limits_volts=volts, **about), path)
     return path
 
 
-def emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:
+def _emulator_command(scene: Scene, place: Path) -> list[str]:
     """Return the command of the emulated board, whose line has the scene's faults: outside of all that is tested."""
     faults = [word for fault in scene.injected if fault.part in LINK for word in ("--fault", str(fault))]
-    return [str(program()), "emulator", "--link", str(place / "board"), *faults, *more]
+    return [str(parts.program()), "emulator", "--link", str(place / "board"), *faults]
 
 
 def commands_emulated(
     scene: Scene, parameter_file: Path, place: Path, ros: RosOptions = PLAIN, *, board: bool
-) -> Commands:  # fmt: skip
+) -> Commands:
     """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
-    name, labjack = command_of(LABJACK, parameter_file, ros)
-    plant, words = command_of(NODES["plant_node"], parameter_file, ros)
+    name, labjack = command_of(parts.LABJACK, parameter_file, ros)
+    plant, words = command_of(parts.NODES["plant_node"], parameter_file, ros)
     # the motor first, so that Ctrl-C switches it off at once
-    first, last = (NODES["motor_node"], SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
+    first, last = (parts.NODES["motor_node"], parts.SUPERVISOR), (parts.FEED, *parts.LOOP)
     commands = [
         *(command_of(part, parameter_file, ros) for part in first),
         (plant, [*words, "-r", f"sensors/laser:={_BEHIND}", "-r", "excitation/state:=emulated/excitation/state"]),
         (name, ["env", *_device_environment(place / "device", f"feed:{place / 'laser'}"), *labjack]),
         *(command_of(part, parameter_file, ros) for part in last),
     ]
-    for part in exciter_of(scene):
+    for part in parts.exciter_of(scene):
         exciter, words = command_of(part, parameter_file, ros)
         own = _device_environment(place / "exciter", output=place / "output")  # another one than that of the lasers
         commands.insert(1, (exciter, ["env", *own, *words]))
-    return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
+    return [*commands, ("emulator", _emulator_command(scene, place))] if board else commands
 
 
 def _device_environment(control: Path, source: str = "", output: Path | None = None) -> list[str]:
@@ -135,6 +118,7 @@ def _device_environment(control: Path, source: str = "", output: Path | None = N
     if output is not None:
         Outputs(output)
     ni = control if output else None  # an exciter's device may be either
-    values = environment(libraries, ljm_control=control, ljm_source=source, ljm_output=output, daqmx_control=ni,
-                         daqmx_output=output)  # fmt: skip
+    values = environment(
+        libraries, ljm_control=control, ljm_source=source, ljm_output=output, daqmx_control=ni, daqmx_output=output
+    )
     return [f"{name}={value}" for name, value in values.items()]

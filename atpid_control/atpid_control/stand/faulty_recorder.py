@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from atpid_common.injected_faults import RECORDER, Injected, active_fault
 from atpid_common.nodes.node_main import run_node
@@ -92,7 +91,7 @@ class FaultySink(Sink):
 class FaultyRecorder(RecorderNode):
     """The recorder, whose file is on such a disk."""
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, **node_options: object) -> None:
         super().__init__(**node_options)
         scene = load_scene(Path(self._values["scene"]))
         self._faults = [fault for fault in scene.injected if fault.part in RECORDER]

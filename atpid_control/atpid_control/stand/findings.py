@@ -8,6 +8,7 @@ A package adds checks by an entry point of the group `atpid.checks`: a table lik
 from __future__ import annotations
 
 import argparse
+import datetime
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,12 +16,13 @@ from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from atpid_common.errors import did_you_mean
 
 if TYPE_CHECKING:
     from atpid_control.stand.parameters import Parameters
+    from atpid_driver.calibration.model import Calibration
     from atpid_sim.scene import Scene
 
 T = TypeVar("T")
@@ -104,13 +106,11 @@ class Subject:
         usual = {part.name: part.configured() for part in (*devices_of(self.options), SUPERVISOR)}
         port = {"motor_node": {"port": self.options.port}} if self.options.port else {}
         for node, name, value in ((node, *item) for node, values in self.given.items() for item in values.items()):
-            known = usual.get(node, {}).get(name, value)
+            known, given = usual.get(node, {}).get(name, value), f"{name} of {node}"
             if type(value) is not type(known):  # rcl converts nothing: 100 is no number of type double
-                raise BenchError(
-                    f"{name} of {node}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}"
-                )
+                raise BenchError(f"{given}: given {value!r}; allowed: a {type(known).__name__}, like {known!r}")
             if problem := _problem(node, name, value):
-                raise BenchError(f"{name} of {node}: {problem}")
+                raise BenchError(f"{given}: {problem}")
         return combined(usual, port, self.given)
 
     def settings(self, kind: type[T], node: str) -> T:
@@ -140,7 +140,7 @@ class Subject:
         return found
 
 
-def _problem(node: str, name: str, value: Any) -> str:
+def _problem(node: str, name: str, value: object) -> str:
     """Return what the node would refuse, in words: a name it does not have, a value outside its range; else ""."""
     from atpid_common.nodes.node_main import PARAMETERS
     from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
@@ -161,3 +161,37 @@ def _problem(node: str, name: str, value: Any) -> str:
         return rows[name].problem(value)
     known = node not in own or name in OF_RCLPY or name.startswith(OF_RCLPY[-1])
     return "" if known else f"the node has none of this name{did_you_mean(name, rows)}"
+
+
+#: A calibration is made anew after this many days; readings that one needs; its residual over its range [-].
+_OLD, _READINGS, _RESIDUAL = 365, 7, 0.01
+#: Units by the end of a channel's name.
+_UNITS = {"displacement": "m", "acceleration": "m/s^2", "force": "N"}
+
+
+def reach_of(one: Calibration) -> float:
+    """Return half the range of a calibration, in its unit."""
+    import numpy as np
+
+    from atpid_driver.calibration.model import si_of
+
+    low, high = si_of(one, np.array(one.limits_volts))[0]
+    return abs(float(high - low)) / 2.0
+
+
+def judged_calibration(one: Calibration) -> Finding:
+    """Return what is found on a calibration: of the right unit, young, from readings."""
+    unit = next((unit for end, unit in _UNITS.items() if one.channel.endswith(end)), one.unit)
+    age, reach = (datetime.date.today() - one.date).days, reach_of(one)
+    nominal, few = one.source.startswith("nominal"), one.readings < _READINGS
+    problems = {
+        f"needed: {unit}": unit != one.unit,
+        "made in the future: one of the two dates is wrong": age < -1,
+        f"{age} days old": age > _OLD,
+        "nominal figures of the data sheet": nominal,
+        "few or bad readings": not nominal and (few or (one.residual_std or 0.0) > _RESIDUAL * reach),
+    }
+    about = f"{one.sensor} {one.serial}, {one.date}, ±{reach:.3g} {one.unit}, {one.readings} readings"
+    text = "; ".join([f"{one.channel}: {about}", *(name for name, there in problems.items() if there)])
+    mend, fails = "atpid calibrate sensor (docs/stand.md, Calibration)", unit != one.unit or age < -1
+    return judged(text, mend, fails=fails, degrades=any(problems.values()))

@@ -4,9 +4,8 @@
 
 import argparse
 import sys
-from pathlib import Path
-from typing import Any
 
+from atpid_common.files import Document
 from atpid_control.stand.parts import LIVE, Part
 from atpid_control.views.live.address import HOST, PORT, LiveError, prepared, require_library
 
@@ -36,17 +35,19 @@ def parts(args: argparse.Namespace) -> list[Part]:
     return [LIVE] if args.live else []
 
 
-def parameters(args: argparse.Namespace) -> dict[str, Any]:
+def parameters(args: argparse.Namespace) -> Document:
     """Return what the run sets in it."""
     if not args.live:
         return {}
     return {"host": args.live_address.host, "port": args.live_address.port, "scene": str(args.scene.absolute())}
 
 
-def serve(host: str, port: int, scene: Path | None, namespace: str | None) -> int:
+def serve(args: argparse.Namespace) -> int:
     """Serve the page of nodes that run already, in this process, until interrupted; return the exit status."""
     from atpid_control.nodes import live_node  # needs ROS
 
-    values = {"host": host, "port": port} | ({} if scene is None else {"scene": str(scene.absolute())})
+    values = {"host": args.host, "port": args.port}
+    values |= {"scene": str(args.scene.absolute())} if args.scene else {}
     words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-    return live_node.main(["--ros-args", *words, *(["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else [])])
+    moved = ["-r", f"__ns:=/{args.namespace.strip('/')}"] if args.namespace else []
+    return live_node.main(["--ros-args", *words, *moved])

@@ -5,7 +5,6 @@
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -26,16 +25,16 @@ class PlantFailedError(NumericalError):
     """The simulated plant failed numerically; the message is the plant's own."""
 
 
-Parameters = dict[str, dict[str, Any]]
+Parameters = dict[str, files.Document]
 
 #: Largest parameter file that is read [bytes]; ours have some thousand.
 _LARGEST = 1_000_000
 _BLOCK = "ros__parameters"
 
 
-def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+def parameters_in(document: files.Document, name: str) -> files.Document:
     """Return the parameters of node `name` in a ROS parameter file already read, whatever its namespace."""
-    found: dict[str, Any] = {}
+    found: files.Document = {}
     for key, block in document.items():
         if key.rsplit("/", 1)[-1] in (name, "**"):
             found.update(block[_BLOCK])
@@ -66,7 +65,7 @@ def read_parameters(path: Path, names: Collection[str], namespace: str = "") -> 
 _PATTERN = {"**": "(?:/[^/]+)*", "*": "/[^/]+"}
 
 
-def _blocks(path: Path, document: Any, key: str) -> list[tuple[str, dict[str, Any]]]:
+def _blocks(path: Path, document: object, key: str) -> list[tuple[str, files.Document]]:
     """Return (name, values) of each block of a parameter file; namespaces may be blocks of their own."""
     if not isinstance(document, Mapping):
         raise BenchError(f"{path}: {key or 'the file'}: is no block; needed: NODE: {_BLOCK}: NAME: VALUE")
@@ -79,9 +78,9 @@ def _blocks(path: Path, document: Any, key: str) -> list[tuple[str, dict[str, An
     return found
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat(values: Mapping[str, object], prefix: str = "") -> files.Document:
     """Return values by their full names: `a: {b: 1}` is parameter a.b."""
-    found: dict[str, Any] = {}
+    found: files.Document = {}
     for name, value in values.items():
         found |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
     return found

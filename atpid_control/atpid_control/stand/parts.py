@@ -12,18 +12,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
 from atpid_common.cli import load
 from atpid_common.errors import not_installed, one_line
+from atpid_common.files import Document
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_control.stand.parameters import BenchError, Parameters, combined, read_parameters
 from atpid_sim.scene import Scene
@@ -46,26 +47,26 @@ class Part:
     @property
     def executable(self) -> Path:
         """What `ros2 run` starts; raises BenchError where the workspace is not built."""
-        return built(Path(found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
+        return _built(Path(_found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
 
     @property
     def config_file(self) -> Path:
         """Its parameter file; raises BenchError where the workspace is not built."""
-        return Path(found(get_package_share_directory, self.package)) / "config" / self.config
+        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
 
-    def configured(self) -> dict[str, Any]:
+    def configured(self) -> Document:
         """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
         return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
 
 
-def built(path: Path) -> Path:
+def _built(path: Path) -> Path:
     """Return a path of the workspace; raise BenchError where it is not built."""
     if not path.exists():
         raise BenchError(f"{path} is missing: build the workspace with `make setup`")
     return path
 
 
-def found(where: Any, package: str) -> str:
+def _found(where: Callable[[str], object], package: str) -> str:
     """Return what the function `where` finds of a package; raise BenchError where the package is not on the path."""
     try:
         return str(where(package))
@@ -80,8 +81,6 @@ EXCITER = "excitation_node"
 #: The package that brings a node, by the node's name: of extensions of this project, installed or not.
 _BROUGHT_BY = Path(__file__).parents[1] / "data" / "nodes.json"
 
-Values = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class AddedPart:
@@ -95,8 +94,8 @@ class AddedPart:
 
     part: Part
     table: str
-    simulated: Callable[[Scene], Values]
-    emulated: Callable[[Scene, Path, Mapping[str, Any]], tuple[Values, Values]]
+    simulated: Callable[[Scene], Document]
+    emulated: Callable[[Scene, Path, Document], tuple[Document, Document]]
 
 
 @cache
@@ -104,7 +103,7 @@ def added_part(name: str) -> AddedPart:
     """Return the node of this name. Raises BenchError: no installed package has it, several do, or it does not load."""
     found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
     if len(found) != 1:
-        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else missing(name))
+        raise BenchError(f"{name} is in several packages: {', '.join(found)}" if found else _missing(name))
     (entry,) = found.values()
     try:
         part = entry.load()
@@ -120,7 +119,7 @@ def is_installed(name: str) -> bool:
     return bool(entry_points(group=GROUP, name=name))
 
 
-def missing(name: str) -> str:
+def _missing(name: str) -> str:
     """Return the line on a node that no installed package has: which package brings it."""
     brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
     if name not in brought:
@@ -146,6 +145,8 @@ PARTS = (
     Part("atpid_control", "recorder_node", "recorder.yaml"),
 )
 NODES = {part.name: part for part in PARTS}
+#: What hardware and simulation have in common, the recorder last.
+LOOP = tuple(NODES[name] for name in ("identifier_node", "selector_node", "recorder_node"))
 #: What supervises them in real time; in lockstep nothing depends on a clock, and nothing is supervised.
 SUPERVISOR = Part("atpid_control", "supervisor_node", "supervisor.yaml")
 #: Of the bench in real time, in the order of stopping: the motor first.
@@ -217,6 +218,11 @@ def usual_parameters(parts: Iterable[Part], scene: Scene) -> Parameters:
     return usual
 
 
+def given_parameters(args: argparse.Namespace) -> Parameters:
+    """Return the values of the user's parameter file, none without one. Raises FileError, SceneError or BenchError."""
+    return read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
+
+
 def own_parameters(
     scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool, link: bool = False
 ) -> Parameters:
@@ -251,22 +257,21 @@ def stand_parameters(parts: Iterable[Part], scene_file: Path, height_map: Path |
     """Return what a run sets in the nodes of a stand, `parts`."""
     named = {"scene": str(scene_file.absolute())}
     others = [part.name for part in parts if part.name not in (SUPERVISOR.name, LIVE.name)]
-    return {
-        SERIAL_MOTOR.name: {"supervised": True}, EXCITER: {"supervised": True},
-        SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")},
-    }  # fmt: skip
+    moving: Parameters = {name: {"supervised": True} for name in (SERIAL_MOTOR.name, EXCITER)}
+    own = {SUPERVISOR.name: named | answering(others), "selector_node": named | {"map": str(height_map or "")}}
+    return moving | own
 
 
-def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:
+def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> Document:
     """Return what a run sets in the supervisor: all of its nodes have to answer.
 
     A scene with faults is run with them: its loop is not checked.
     """
-    own: dict[str, Any] = answering(part.name for part in parts) | {"scene": str(scene_file)}
+    own: Document = answering(part.name for part in parts) | {"scene": str(scene_file)}
     return own | ({"check_time": 0.0} if scene.injected else {})
 
 
-def answering(nodes: Iterable[str]) -> dict[str, Any]:
+def answering(nodes: Iterable[str]) -> Document:
     """Return which nodes have to answer. With an exciter all of a stand are needed, and it is off in half a second.
 
     What simulates or emulates it ends before the others.
@@ -295,14 +300,9 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
 
 def program() -> Path:
     """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
-    return built(Path(found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
+    return _built(Path(_found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
 
 
 def enclave_of(node: str) -> str:
     """Return the enclave, by whose key and certificate a node is known, of a node of this name."""
     return f"/atpid/{node}"
-
-
-def enclave_arguments(node: str) -> list[str]:
-    """Return what follows `--ros-args` for it; without security it has no effect."""
-    return ["--enclave", enclave_of(node)]

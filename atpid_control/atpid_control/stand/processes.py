@@ -9,7 +9,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
 
@@ -22,13 +22,13 @@ _TIMEOUT = 10.0
 _LAST_LINES = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
 #: Nodes that may be started again in mid-run: they hold nothing that the run depends on, and move nothing.
-RESTARTABLE = ("identifier_node", "selector_node")
+_RESTARTABLE = ("identifier_node", "selector_node")
 #: How long one that is started again may take until it answers [s]: on a busy machine its libraries load for 20 s.
 RESTART_TIME = 60.0
 #: Nodes that a run does not need: where one ends, the run goes on.
-OPTIONAL = ("live_node",)
+_OPTIONAL = ("live_node",)
 #: What moves something: ended first.
-MOVING = ("motor_node", "excitation_node", "supervisor_node")
+_MOVING = ("motor_node", "excitation_node", "supervisor_node")
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
@@ -45,8 +45,7 @@ class NodeProcess:
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
         if not Path(command[0]).exists() and shutil.which(command[0]) is None:
             raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
-        with ExitStack() as stack:
-            sink = stack.enter_context(log.open("ab")) if log else None
+        with log.open("ab") if log else nullcontext() as sink:
             try:
                 self.process = subprocess.Popen(
                     [*(START_NODE if name.endswith("_node") else _START), *command],
@@ -94,7 +93,7 @@ class Processes:
         """Take (name, command) in the order of stopping: the motor first, the recorder last.
 
         logs: folder of the log files; None: what the nodes print goes to the terminal. restarts: how often, in all,
-        a node of `RESTARTABLE` that was ended by a signal is started again.
+        a node of `_RESTARTABLE` that was ended by a signal is started again.
         """
         self._commands, self._logs, self._left = list(commands), logs, restarts
         self.nodes: list[NodeProcess] = []
@@ -126,7 +125,7 @@ class Processes:
             yield
         finally:
             for node in self.nodes:
-                if node.name in MOVING:
+                if node.name in _MOVING:
                     node.process.send_signal(signal.SIGINT)  # `stop` does so again, which changes nothing
 
     def check(self, except_for: str) -> list[str]:
@@ -139,12 +138,12 @@ class Processes:
             if node.status is None or node.name == except_for:
                 continue
             ended = f"{node.name} ended with status {node.status}"
-            if node.name in OPTIONAL:
+            if node.name in _OPTIONAL:
                 del self.nodes[place]
                 restarted.append(f"{ended}: {node.reason()}; the run goes on without it")
                 continue
             # one that ended by itself refused its input, and would again
-            if node.status >= 0 or node.name not in RESTARTABLE or not self._left:
+            if node.status >= 0 or node.name not in _RESTARTABLE or not self._left:
                 where = f" (whole log: {node.log})" if node.log else ""
                 raise NodeDiedError(f"{ended}: {node.reason()}{where}")
             self._left -= 1

@@ -16,16 +16,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.injected_faults import RECORDER, Injected
 from atpid_common.waiting import to_stderr
-from atpid_control.stand.parameters import BenchError, Parameters, PlantFailedError
-from atpid_control.stand.parts import EXCITER, PARTS, REAL_TIME_PARTS, Part, added_part, enclave_arguments
+from atpid_control.stand.parameters import BenchError, PlantFailedError
+from atpid_control.stand.parts import REAL_TIME_PARTS, Part, enclave_of
 from atpid_control.stand.processes import Processes
+
+if TYPE_CHECKING:
+    from atpid_control.stand.nodes.composition import BenchWatch
 
 
 @contextmanager
@@ -61,23 +64,6 @@ _FAILED = 3
 _RECORDER = "recorder_node"
 
 
-def run_lockstep(
-    parameters: Parameters, progress: Callable[[float], None], follow: Callable[[float, Any], None] | None = None,
-    calls: Sequence[tuple[float, str]] = (),
-) -> None:  # fmt: skip
-    """Run the graph until the plant has finished; `progress` is called with the simulated time [s].
-
-    The next block follows as soon as the loop has answered the last. `follow` and `calls`: see
-    `atpid_control.stand.nodes.composition.run_lockstep`. Raises PlantFailedError where the plant fails,
-    BenchError where the loop stops.
-    """
-    from atpid_control.stand.nodes import composition
-
-    excited = [added_part(EXCITER).part] if EXCITER in parameters else []
-    parts = [part for part in (PARTS[0], *excited, *PARTS[1:]) if part.name in parameters]
-    composition.run_lockstep([(part.package, part.name) for part in parts], parameters, progress, follow, calls)
-
-
 Commands = list[tuple[str, list[str]]]
 
 
@@ -107,7 +93,7 @@ PLAIN = RosOptions()
 
 def command_of(part: Part, parameter_file: Path, ros: RosOptions) -> tuple[str, list[str]]:
     """Return (name, command) of a node."""
-    words = [*enclave_arguments(part.name), "--params-file", str(parameter_file), *ros.words]
+    words = ["--enclave", enclave_of(part.name), "--params-file", str(parameter_file), *ros.words]
     return part.name, [str(part.executable), "--ros-args", *words]
 
 
@@ -123,13 +109,13 @@ def keep_running(nodes: Processes, namespace: str = "", seconds: float = math.in
     """
     from atpid_control.stand.nodes.composition import watching
 
-    with watching(lambda _text: None, namespace) as (watch, listen), stop_key(watch.stop_motor), nodes.motor_first():
+    with watching(lambda _text: None, namespace) as (watch, listen), _stop_key(watch.stop_motor), nodes.motor_first():
         while watch.elapsed < seconds:
             _check(nodes, watch, except_for="")
             listen()
 
 
-def _check(nodes: Processes, watch: Any, except_for: str) -> bool:
+def _check(nodes: Processes, watch: "BenchWatch", except_for: str) -> bool:
     """Report what has happened to the nodes; return whether something has. Raises NodeDiedError."""
     texts = nodes.check(except_for)
     for text in texts:
@@ -138,7 +124,7 @@ def _check(nodes: Processes, watch: Any, except_for: str) -> bool:
     return bool(texts)
 
 
-def _on_disk(commands: Sequence[tuple[str, list[str]]], faults: Sequence[Injected]) -> Sequence[tuple[str, list[str]]]:
+def _on_disk(commands: Commands, faults: Sequence[Injected]) -> Commands:
     """Return the commands, the recorder's with a disk that fails where `faults` have one."""
     if not any(fault.part in RECORDER and fault.kind != "off" for fault in faults):
         return commands
@@ -147,14 +133,17 @@ def _on_disk(commands: Sequence[tuple[str, list[str]]], faults: Sequence[Injecte
 
 
 def run_realtime(
-    commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
-    source: str = "plant_node", namespace: str = "", follow: Callable[[float, Any], None] | None = None,
-    calls: Sequence[tuple[float, str]] = (), restarts: int = 0, faults: Sequence[Injected] = (),
-) -> None:  # fmt: skip
+    commands: Commands,
+    logs: Path,
+    progress: Callable[[float], None],
+    ros: RosOptions = PLAIN,
+    *,
+    source: str = "plant_node",
+    faults: Sequence[Injected] = (),
+) -> None:
     """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
 
-    `follow` and `calls`: see `atpid_control.stand.nodes.composition.BenchWatch`. faults: of these, those of the
-    recorder are applied from outside it.
+    faults: of these, those of the recorder are applied from outside it.
 
     What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at
     once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
@@ -165,9 +154,9 @@ def run_realtime(
     deaths = [fault.begin for fault in faults if fault.part in RECORDER and fault.kind == "off"]
     moves = any(name == "motor_node" for name, _ in commands)  # a replay has no motor
     with (
-        Processes(_on_disk(commands, faults), logs, restarts=restarts) as nodes,
-        watching(to_stderr, namespace, follow, calls) as (watch, listen),
-        stop_key(watch.stop_motor) if moves else nullcontext(),
+        Processes(_on_disk(commands, faults), logs, restarts=ros.restarts) as nodes,
+        watching(to_stderr, ros.namespace) as (watch, listen),
+        _stop_key(watch.stop_motor) if moves else nullcontext(),
         nodes.motor_first() if moves else nullcontext(),
     ):
         last = nodes[source]
@@ -182,10 +171,8 @@ def run_realtime(
             if watch.elapsed != elapsed:
                 elapsed, since, allowed = watch.elapsed, time.monotonic(), _LOOP_TIMEOUT
                 progress(elapsed)
-            elif time.monotonic() - since > allowed:
-                raise BenchError(
-                    f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
-                )
+            elif (silence := time.monotonic() - since) > allowed:
+                raise BenchError(f"no estimate for {silence:.0f} s, at {elapsed:.1f} s of the run: see {logs}")
         if last.status == _FAILED:
             raise PlantFailedError(watch.failure or last.reason())
         if last.status != 0:
@@ -197,7 +184,7 @@ _AGAIN = 0.2
 
 
 @contextmanager
-def stop_key(stop: Callable[[], None]) -> Iterator[None]:
+def _stop_key(stop: Callable[[], None]) -> Iterator[None]:
     """Call `stop`, in another thread, at each Enter; without a terminal there is no key, and nothing is announced.
 
     A thread, so that no other work delays it.

@@ -23,39 +23,17 @@ EXAMPLE = "scenes/standard.yaml --amplitudes 0.005:0.03:5 --mass-fractions 0.1 -
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "scene",
-        type=file_path,
-        metavar="SCENE.yaml",
-        help="the system: beam, grain radius, contact, gravity, frequency",
-    )
-    parser.add_argument(
-        "--amplitudes",
-        type=amplitudes_of,
-        required=True,
-        metavar="A0:A1:N",
-        help="N support amplitudes from A0 to A1 [m]",
-    )
-    parser.add_argument(
-        "--mass-fractions",
-        type=mass_fractions_of,
-        required=True,
-        metavar="m1,m2,...",
-        help="grain mass over total mass [-]",
-    )
-    parser.add_argument(
-        "--frequency-ratios",
-        type=ratios_of,
-        metavar="R0:R1:N",
-        help="N frequencies over the natural one, 0.5 to 2 [-]; default: the scene's frequency alone",
-    )
+    system = "the system: beam, grain radius, contact, gravity, frequency"
+    parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help=system)
+    amplitudes = "N support amplitudes from A0 to A1 [m]"
+    parser.add_argument("--amplitudes", type=amplitudes_of, required=True, metavar="A0:A1:N", help=amplitudes)
+    fractions = "grain mass over total mass [-]"
+    parser.add_argument("--mass-fractions", type=mass_fractions_of, required=True, metavar="m1,m2,...", help=fractions)
+    ratios = "N frequencies over the natural one, 0.5 to 2 [-]; default: the scene's frequency alone"
+    parser.add_argument("--frequency-ratios", type=_ratios_of, metavar="R0:R1:N", help=ratios)
     parser.add_argument("--out", type=path_to(".npz"), required=True, metavar="MAP.npz", help="file to write")
-    parser.add_argument(
-        "--header",
-        type=path_to(".h"),
-        metavar="FILE.h",
-        help="also write a table for the motor's firmware, one mass fraction",
-    )
+    header = "also write a table for the motor's firmware, one mass fraction"
+    parser.add_argument("--header", type=path_to(".h"), metavar="FILE.h", help=header)
     add_workers(parser)
     output.add_force(parser)
 
@@ -63,16 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the map; return 0. Raises SceneError, MapError, NumericalFailure."""
     scene = load_scene(args.scene)
-    amplitudes, fractions = args.amplitudes, args.mass_fractions
+    amplitudes, fractions, ratios = args.amplitudes, args.mass_fractions, args.frequency_ratios
     if args.header and len(fractions) != 1:
         raise MapError(f"--header: given {len(fractions)} mass fractions; a firmware table holds one, so map one")
+    if args.header and ratios:
+        raise MapError("--header: given with --frequency-ratios; a firmware table holds one frequency; leave one out")
     output.file(args.out, replace=args.force)
     if args.header:
         output.file(args.header, "--header", replace=args.force)
     _warn(scene, amplitudes, fractions)
-    ratios = args.frequency_ratios
-    if args.header and ratios:
-        raise MapError("--header: given with --frequency-ratios; a firmware table holds one frequency; leave one out")
     with counting("height map", len(amplitudes) * len(fractions) * len(ratios or (1.0,)), kept=True) as count:
         made = build_map(scene, amplitudes, fractions, args.out, lambda done, _: count(done), workers_of(args), ratios)
     if args.header:
@@ -87,7 +64,7 @@ def amplitudes_of(text: str) -> list[float]:
     return found or refuse_number(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
 
 
-def ratios_of(text: str) -> list[float]:
+def _ratios_of(text: str) -> list[float]:
     """Return the frequency ratios of `R0:R1:N` [-]; raise argparse's error where it does not read so."""
     found = _grid(text, LOWEST_RATIO * (1.0 - 1e-12), HIGHEST_RATIO)
     allowed = f"R0:R1:N with {LOWEST_RATIO:g} <= R0 < R1 <= {HIGHEST_RATIO:g}, and N from 2 to 100000"

@@ -6,7 +6,6 @@ import argparse
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from atpid_common import output
 from atpid_common.arguments import path_to, real, whole, word
@@ -41,7 +40,7 @@ def add_table(parser: argparse.ArgumentParser, out: str = "also write the table 
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
 
 
-def write_table(rows: Sequence[Mapping[str, Any]], path: Path | None) -> None:
+def write_table(rows: Sequence[Mapping[str, object]], path: Path | None) -> None:
     """Write rows of the same names as CSV, where a file is given. Raises OutputError."""
     if path is None:
         return

@@ -8,25 +8,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from atpid_common import output
 from atpid_common.arguments import file_path
+from atpid_common.files import Document
 from atpid_sim.figure_style import LIGHT, WIDTH, drawn
 from atpid_sim.scene import load_scene
 from atpid_sim.tradeoff import LEVELS, REFERENCE, Point, Reference, levels, quickest, reference_of, with_front
 
 #: Smallest error drawn, as a share of how well the reference itself is known.
 _DRAWN = 1e-2
-_OWN_STYLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.8, "markersize": 6}
-_OTHER_STYLE: dict[str, Any] = {"linestyle": "--", "linewidth": 1.0, "markersize": 5}
 #: A marker for each method, since there are more of them than colours.
 _MARKERS = "oooos^vDPX*<>dph"
-_RING: dict[str, Any] = {"markersize": 13, "fillstyle": "none", "linestyle": "none"}
 #: Errors of the amplitude for which a level is named [-].
-ERRORS = (1e-2, 1e-3, 1e-4, 1e-6)
+_ERRORS = (1e-2, 1e-3, 1e-4, 1e-6)
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --out out/tradeoff"
 
@@ -46,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     with Console(stderr=True).status("reference"):
         reference = reference_of(scene)
         points = with_front(list(levels(scene, reference)))
-    plain = as_json(args.scene.name, reference, points) | {"take": advice(points, reference)}
+    plain = as_json(args.scene.name, reference, points) | {"take": _advice(points, reference)}
     if folder is not None:
         with output.writing(folder):
             (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
@@ -55,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def as_json(name: str, reference: Reference, points: Sequence[Point]) -> dict[str, Any]:
+def as_json(name: str, reference: Reference, points: Sequence[Point]) -> Document:
     """Return scene, reference and points by name; what is not finite is None."""
     return {
         "scene": name,
@@ -64,12 +61,12 @@ def as_json(name: str, reference: Reference, points: Sequence[Point]) -> dict[st
     }
 
 
-def advice(points: Sequence[Point], reference: Reference) -> str:
+def _advice(points: Sequence[Point], reference: Reference) -> str:
     """Return which level to take for which error of the amplitude, in a sentence."""
     if reference.spread is not None:
         return "No level can be recommended: no tolerance reproduces the amplitude."
     named = []
-    for error in ERRORS:
+    for error in _ERRORS:
         best = quickest(points, error)
         if best is None:
             named.append(f"for {error:g} none is near enough")
@@ -118,28 +115,23 @@ def draw(name: str, reference: Reference, points: Sequence[Point], path: Path) -
     bottom = 0.4 * min([known, *errors.values()])
     band, off, title = "better than the reference is known", "error of the amplitude [-]", f"{name}: time against error"
     if reference.spread is not None:
-        band, off = (
-            "closer than the ensemble is wide",
-            f"distance from the amplitude of one run at {REFERENCE:g} [-]",
-        )
+        band = "closer than the ensemble is wide"
+        off = f"distance from the amplitude of one run at {REFERENCE:g} [-]"
         title += " (chaotic: no method can converge)"
     with drawn(path, dpi=130, figsize=(WIDTH, 5.6)) as (figure, axes):
         for number, method in enumerate(dict.fromkeys(p.method for p in shown)):
             chosen = [p for p in shown if p.method == method]
-            style = _OWN_STYLE if method in LEVELS else _OTHER_STYLE
-            style = {**style, "color": f"C{number % 10}", "marker": _MARKERS[number]}
-            times = [1e3 * p.time_s for p in chosen]
-            axes.plot(times, [errors[p] for p in chosen], **style)
-            place = {
-                "xytext": (0.0, 8.0),
-                "textcoords": "offset points",
-                "ha": "right" if method == "finite" else "center",
-            }
-            axes.annotate(method, (times[0], errors[chosen[0]]), color=style["color"], weight="bold", **place)
+            line, width, size = ("-", 1.8, 6.0) if method in LEVELS else ("--", 1.0, 5.0)
+            colour, times = f"C{number % 10}", [1e3 * p.time_s for p in chosen]
+            curve = [errors[p] for p in chosen]
+            axes.plot(times, curve, f"{colour}{line}{_MARKERS[number]}", linewidth=width, markersize=size)
+            place, side = (times[0], curve[0]), "right" if method == "finite" else "center"
+            axes.annotate(method, place, (0, 8), textcoords="offset points", color=colour, weight="bold", ha=side)
         if reference.spread is None:
             front = sorted((p for p in shown if p.front), key=lambda p: p.time_s)
             times = [1e3 * p.time_s for p in front]
-            axes.plot(times, [errors[p] for p in front], "ko", **_RING, label="nothing better (front)")
+            rings = axes.plot(times, [errors[p] for p in front], "ko", label="nothing better (front)")
+            rings[0].set(markersize=13, fillstyle="none")
         axes.axhspan(bottom, known, color=LIGHT.window, zorder=0, label=band)
         axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
         axes.set_ylim(bottom=bottom)

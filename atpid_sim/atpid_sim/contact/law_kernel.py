@@ -14,7 +14,7 @@ from typing import Any
 class kernel:  # noqa: N801 a decorator
     """A kernel of `atpid_sim.kernel`, made where Python or another kernel calls it first."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., float]) -> None:
         """Take the function that is compiled."""
         update_wrapper(self, function)
         self._function = function
@@ -27,9 +27,10 @@ class kernel:  # noqa: N801 a decorator
         return at_once(self._function)
 
     @property
-    def _numba_type_(self) -> Any:
+    def _numba_type_(self) -> object:
         return self.compiled._numba_type_
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> float:
         """Return what the compiled function returns."""
-        return self.compiled(*arguments)
+        found: float = self.compiled(*arguments)
+        return found

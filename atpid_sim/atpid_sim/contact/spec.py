@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -60,7 +60,7 @@ class ElasticSpec(ContactSpec):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_materials(cls, given: Any) -> Any:
+    def _of_materials(cls, given: object) -> object:
         """Return the block with the elasticity of the materials it names; what it gives itself stays."""
         if not isinstance(given, Mapping):
             return given

@@ -13,7 +13,7 @@ from atpid_sim.contact.dispatch import detachment_velocity, energy
 from atpid_sim.contact.laws import HYSTERETIC
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import support_at
-from atpid_sim.engine.detachment import vanishing
+from atpid_sim.engine.detachment import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step, vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
 from atpid_sim.engine.modal_step import end_of, enter_end, modal_rates
@@ -21,7 +21,6 @@ from atpid_sim.engine.modes import container_mass, mode_paces, resting_place
 from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
-from atpid_sim.engine.stepping import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
 from atpid_sim.kernel import inlined, kernel
 
 #: Steps times the contact's pace from which stability limits the explicit method.
@@ -40,11 +39,10 @@ _ENDLESS_CONTACT = 60_000
 def _model(n, system, law, memory):
     """Collect what is constant during a contact while its deepest overlap is `memory` [m]."""
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
+    stiffness, damping, gravity = system.stiffness, system.damping, system.gravity
     inverse = 1.0 / container_mass(system.modes, system)
-    return ContactModel(
-        law, HYSTERETIC[law], memory, side, system.stiffness, system.damping, system.gravity, inverse,
-        inverse + 1.0 / system.grain_mass, system.modes,
-    )  # fmt: skip
+    both = inverse + 1.0 / system.grain_mass
+    return ContactModel(law, HYSTERETIC[law], memory, side, stiffness, damping, gravity, inverse, both, system.modes)
 
 
 @kernel
@@ -111,13 +109,9 @@ def _weighted_error(model, p, begin, end, errors, deepest, fastest, natural, res
     size = abs(begin.x - rest) + abs(begin.v) / natural + control.displacement
     rtol = control.contact_rtol
     # errors as large as the overlap of static contact would cause spurious detachment
-    depth = max(
-        abs(end.overlap), begin.overlap, 0.1 * deepest, control.overlap, min(DEPTH_FLOOR * size, control.overlap / rtol)
-    )
-    speed = max(
-        abs(end.velocity), abs(begin.velocity), 0.1 * fastest, control.velocity,
-        min(natural * size, control.velocity / rtol),
-    )  # fmt: skip
+    shallow, slow = min(DEPTH_FLOOR * size, control.overlap / rtol), min(natural * size, control.velocity / rtol)
+    depth = max(abs(end.overlap), begin.overlap, 0.1 * deepest, control.overlap, shallow)
+    speed = max(abs(end.velocity), abs(begin.velocity), 0.1 * fastest, control.velocity, slow)
     if taken > _LONG_CONTACT:
         depth = math.inf if taken > _ENDLESS_CONTACT else depth
         speed = max(speed, contact_pace(model, p, begin.overlap, begin.velocity)[1] * depth)

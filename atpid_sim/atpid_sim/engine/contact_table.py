@@ -115,16 +115,12 @@ def read(table, speed, b, rate, curvature, chi, eta, found):
     for row in range(1 if rows == 1 else 4):
         w, at = weights[row], first + row
         for column in range(COLUMNS):
-            found[column] += w * (
-                u0 * values[at, left, column] + u1 * values[at, left + 1, column]
-                + u2 * values[at, left + 2, column] + u3 * values[at, left + 3, column]
-            )  # fmt: skip
+            one = u0 * values[at, left, column] + u1 * values[at, left + 1, column]
+            found[column] += w * (one + u2 * values[at, left + 2, column] + u3 * values[at, left + 3, column])
     for k in range(VARIED):
         at = RESULTS + k
-        found[k] += (
-            by_rate * found[at] + by_curvature * found[at + VARIED]
-            + by_damper * found[at + 2 * VARIED] + by_spring * found[at + 3 * VARIED]
-        )  # fmt: skip
+        varied = by_rate * found[at] + by_curvature * found[at + VARIED]
+        found[k] += varied + by_damper * found[at + 2 * VARIED] + by_spring * found[at + 3 * VARIED]
     length = speed * time
     found[DURATION] *= time
     found[OVERLAP] *= length

@@ -1,19 +1,47 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Where inside a step the contact force vanishes or a hysteretic contact turns, by regula falsi (Illinois)."""
+"""The methods by which a contact is integrated; where inside a step its force vanishes, or a hysteretic one turns."""
 
 import math
 
 from atpid_sim.contact.dispatch import force
-from atpid_sim.engine.stepping import trial_step
-from atpid_sim.kernel import kernel
+from atpid_sim.engine.dormand_prince import explicit_step
+from atpid_sim.engine.modal_implicit import modal_implicit_step
+from atpid_sim.engine.modal_step import modal_explicit_step
+from atpid_sim.engine.rosenbrock import implicit_step
+from atpid_sim.kernel import chosen, inlined, kernel
+
+#: Methods: explicit in the fourth root of the time since the contact began, explicit in time, implicit in time.
+FOURTH_ROOT, EXPLICIT, IMPLICIT = range(3)
+
+
+def _one_mode_step(modes, method, segment, model, p, moment, h, motion):
+    if method == IMPLICIT:
+        return implicit_step(segment, model, p, moment.tau, h, motion)
+    return explicit_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
+
+
+def _modal_step(modes, method, segment, model, p, moment, h, motion):
+    if method == IMPLICIT:
+        return modal_implicit_step(segment, model, p, moment.tau, h, motion)
+    return modal_explicit_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
+
+
+#: Chosen when it is compiled: one more call would cost a run of one mode a fifth.
+_step = chosen(_one_mode_step, _modal_step)
+
+
+@inlined
+def trial_step(method, segment, model, p, moment, h, motion):
+    """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
+    return _step(model.modes, method, segment, model, p, moment, h, motion)
 
 
 @kernel
 def vanishing(method, segment, model, p, moment, h, motion, end, turning):
-    """Size of the step at whose end the contact force vanishes or, `turning`, the overlap velocity.
+    """Size of the step at whose end the contact force vanishes or, `turning`, the overlap velocity: regula falsi.
 
-    Given that it changes sign within h, from `motion` to `end`.
+    Given that it changes sign within h, from `motion` to `end` (Illinois).
     """
     left, right = 0.0, h
     f_left, f_right = motion.rates.force, end.rates.force

@@ -6,11 +6,12 @@ The state is beam displacement and velocity, overlap and overlap velocity, so th
 displacement of decimetres keeps its digits. `rosenbrock.py` has the implicit step for static contact.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA
 from atpid_sim.kernel import inlined, kernel
+from atpid_sim.system import Array
 
 
 class ContactModel(NamedTuple):
@@ -25,7 +26,7 @@ class ContactModel(NamedTuple):
     gravity: float
     beam_inverse: float  # 1 / beam mass
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
-    modes: Any  # `modal.Modes.table` of a structure of several, else None
+    modes: Array | None  # `modal.Modes.table` of a structure of several, else None
 
 
 class Moment(NamedTuple):
@@ -56,7 +57,7 @@ class ContactState(NamedTuple):
     overlap: float
     velocity: float  # of the overlap
     rates: Rates
-    end: Any  # of a structure of several `modal_step.end_of`, else None
+    end: int | None  # of a structure of several `modal_step.end_of`, else None
 
 
 class Errors(NamedTuple):
@@ -150,36 +151,28 @@ def explicit_step(segment, model, p, smooth, moment, h, motion):
     a2, b2, _f, _p, _d, _c = rates_at(model, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2)
     kx2, kv2, ko2, kr2 = w2 * v2, w2 * a2, w2 * r2, w2 * b2
     v3, r3 = v + 3.0 / 40.0 * kv1 + 9.0 / 40.0 * kv2, velocity + 3.0 / 40.0 * kr1 + 9.0 / 40.0 * kr2
-    a3, b3, f3, p3, d3, c3 = rates_at(
-        model, p, u3, m3,
-        x + 3.0 / 40.0 * kx1 + 9.0 / 40.0 * kx2, v3, overlap + 3.0 / 40.0 * ko1 + 9.0 / 40.0 * ko2, r3,
-    )  # fmt: skip
+    x3, o3 = x + 3.0 / 40.0 * kx1 + 9.0 / 40.0 * kx2, overlap + 3.0 / 40.0 * ko1 + 9.0 / 40.0 * ko2
+    a3, b3, f3, p3, d3, c3 = rates_at(model, p, u3, m3, x3, v3, o3, r3)
     kx3, kv3, ko3, kr3 = w3 * v3, w3 * a3, w3 * r3, w3 * b3
     v4 = v + 44.0 / 45.0 * kv1 - 56.0 / 15.0 * kv2 + 32.0 / 9.0 * kv3
     r4 = velocity + 44.0 / 45.0 * kr1 - 56.0 / 15.0 * kr2 + 32.0 / 9.0 * kr3
-    a4, b4, f4, p4, d4, c4 = rates_at(
-        model, p, u4, m4,
-        x + 44.0 / 45.0 * kx1 - 56.0 / 15.0 * kx2 + 32.0 / 9.0 * kx3, v4,
-        overlap + 44.0 / 45.0 * ko1 - 56.0 / 15.0 * ko2 + 32.0 / 9.0 * ko3, r4,
-    )  # fmt: skip
+    x4 = x + 44.0 / 45.0 * kx1 - 56.0 / 15.0 * kx2 + 32.0 / 9.0 * kx3
+    o4 = overlap + 44.0 / 45.0 * ko1 - 56.0 / 15.0 * ko2 + 32.0 / 9.0 * ko3
+    a4, b4, f4, p4, d4, c4 = rates_at(model, p, u4, m4, x4, v4, o4, r4)
     kx4, kv4, ko4, kr4 = w4 * v4, w4 * a4, w4 * r4, w4 * b4
     c51, c52, c53, c54 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
     v5 = v + c51 * kv1 + c52 * kv2 + c53 * kv3 + c54 * kv4
     r5 = velocity + c51 * kr1 + c52 * kr2 + c53 * kr3 + c54 * kr4
-    a5, b5, f5, p5, d5, c5 = rates_at(
-        model, p, u5, m5,
-        x + c51 * kx1 + c52 * kx2 + c53 * kx3 + c54 * kx4, v5,
-        overlap + c51 * ko1 + c52 * ko2 + c53 * ko3 + c54 * ko4, r5,
-    )  # fmt: skip
+    x5 = x + c51 * kx1 + c52 * kx2 + c53 * kx3 + c54 * kx4
+    o5 = overlap + c51 * ko1 + c52 * ko2 + c53 * ko3 + c54 * ko4
+    a5, b5, f5, p5, d5, c5 = rates_at(model, p, u5, m5, x5, v5, o5, r5)
     kx5, kv5, ko5, kr5 = w5 * v5, w5 * a5, w5 * r5, w5 * b5
     c61, c62, c63, c64, c65 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0
     v6 = v + c61 * kv1 + c62 * kv2 + c63 * kv3 + c64 * kv4 + c65 * kv5
     r6 = velocity + c61 * kr1 + c62 * kr2 + c63 * kr3 + c64 * kr4 + c65 * kr5
-    a6, b6, f6, p6, d6, c6 = rates_at(
-        model, p, u6, m6,
-        x + c61 * kx1 + c62 * kx2 + c63 * kx3 + c64 * kx4 + c65 * kx5, v6,
-        overlap + c61 * ko1 + c62 * ko2 + c63 * ko3 + c64 * ko4 + c65 * ko5, r6,
-    )  # fmt: skip
+    x6 = x + c61 * kx1 + c62 * kx2 + c63 * kx3 + c64 * kx4 + c65 * kx5
+    o6 = overlap + c61 * ko1 + c62 * ko2 + c63 * ko3 + c64 * ko4 + c65 * ko5
+    a6, b6, f6, p6, d6, c6 = rates_at(model, p, u6, m6, x6, v6, o6, r6)
     kx6, kv6, ko6, kr6 = w6 * v6, w6 * a6, w6 * r6, w6 * b6
     g1, g3, g4, g5, g6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
     x1 = x + g1 * kx1 + g3 * kx3 + g4 * kx4 + g5 * kx5 + g6 * kx6

@@ -129,22 +129,18 @@ def hold(y, n, segment, tau, until, system, law, p, control, view, out):
     Beam and grain are one mass. The contact's compliance, in the fundamental of a swing as large as the present one, is
     added in series with the beam's spring: without it the phase at resonance is off by a thousandth of a radian.
     """
-    total = system.beam_mass + system.grain_mass
-    touch = _touch(
-        y, segment, tau, System(total, 0.0, system.stiffness, system.damping, system.gravity, system.radius, None)
-    )
+    beam, grain, stiffness, damping, gravity, radius, modes = system
+    total = beam + grain
+    touch = _touch(y, segment, tau, System(total, 0.0, stiffness, damping, gravity, radius, None))
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
-    pace = max(tone, math.sqrt(system.stiffness / total))
-    push = system.grain_mass * math.sqrt(touch.a * touch.a + pace * pace * touch.v * touch.v)
+    pace = max(tone, math.sqrt(stiffness / total))
+    push = grain * math.sqrt(touch.a * touch.a + pace * pace * touch.v * touch.v)
     give = 0.0
     if push > 0.0:
-        give = _FUNDAMENTAL * static_overlap(law, p, push, 1e-3) / push * (system.grain_mass / total) ** 2
+        give = _FUNDAMENTAL * static_overlap(law, p, push, 1e-3) / push * (grain / total) ** 2
     deepen_if_pressed(y, push, pace, system, law, p)
-    left = 1.0 / (1.0 + give * system.stiffness)
-    softer = System(
-        system.beam_mass, system.grain_mass, left * system.stiffness, left * system.damping, system.gravity,
-        system.radius, system.modes,
-    )  # fmt: skip
+    left = 1.0 / (1.0 + give * stiffness)
+    softer = System(beam, grain, left * stiffness, left * damping, gravity, radius, modes)
     return stick(y, n, segment, tau, min(until, tau + 2.0 * math.pi / pace), softer, control, view, out)
 
 
@@ -166,7 +162,8 @@ def tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, 
     found = np.empty(COLUMNS)
     if not read(table, speed, b, rate, curvature, chi, eta, found) or found[result.DEEPEST] > system.radius:
         return tau
-    d, overlap, velocity, third = found[result.DURATION], found[result.OVERLAP], found[result.VELOCITY], found[result.THIRD]  # fmt: skip # noqa: E501
+    d, overlap = found[result.DURATION], found[result.OVERLAP]
+    velocity, third = found[result.VELOCITY], found[result.THIRD]
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
     if tau + d > until or d * max(tone, math.sqrt(system.stiffness / system.beam_mass)) > _LONGEST:
         return tau

@@ -79,9 +79,8 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
     height, ceiling_velocity = segment[at.HEIGHT], segment[at.CEILING_VELOCITY]
     diameter = 2.0 * system.radius
     radian = 1.0 / fastest_of(arc)
-    stride = 1.0 / stride_pace(
-        system.modes, arc, view.observing
-    )  # a sixth of a period: two turning points are never in one step
+    # a sixth of a period: two turning points are never in one step
+    stride = 1.0 / stride_pace(system.modes, arc, view.observing)
     side = 1.0 if n[at.MODE] == at.OFF_FLOOR else -1.0
     flying = n[at.MODE]
     _x, _v, a, jerk, fast = bounded_at(arc, tau, until)

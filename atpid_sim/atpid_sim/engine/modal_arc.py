@@ -8,12 +8,13 @@ vibrations remain apart. What is fast and small is bounded by its size as well (
 
 import cmath
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import growth, is_resonant
 from atpid_sim.engine.modal_room import arc_row
 from atpid_sim.kernel import inlined, kernel
+from atpid_sim.system import Array
 
 #: A mode that is this many times as fast as the first and as the tone may be bounded by its size.
 FAST = 2.0
@@ -38,7 +39,7 @@ class ModeArc(NamedTuple):
     q0_out: float
     q1_in: float
     q1_out: float
-    resonant: bool
+    resonant: float  # 1 or 0: all are numbers, so that a loop enters them
     beat: float
     p0: float  # the mode's answer to the cubic and to its weight
     p1: float
@@ -61,7 +62,7 @@ class ModalArc(NamedTuple):
     p3: float
     growing: bool  # whether a mode is resonant
     pace: float  # angular frequency of the tone or of the first mode, the higher
-    modes: Any  # the table, in whose room `mode_arc` finds those of the arc
+    modes: Array  # the table, in whose room `mode_arc` finds those of the arc
 
 
 class Fast(NamedTuple):
@@ -81,7 +82,7 @@ def mode_arc(modes, i):
     return ModeArc(
         modes[k, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i],
         modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i],
-        modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] != 0.0,
+        modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i],
         modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i],
     )  # fmt: skip
 
@@ -89,18 +90,8 @@ def mode_arc(modes, i):
 @kernel
 def _enter(modes, i, arc):
     k = arc_row(modes)
-    modes[k, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i] = (
-        arc.start, arc.mass, arc.stiffness, arc.decay, arc.squared
-    )  # fmt: skip
-    modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i] = (
-        arc.damped, arc.free, arc.free_velocity, arc.a1, arc.omega
-    )  # fmt: skip
-    modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] = (
-        arc.q0_in, arc.q0_out, arc.q1_in, arc.q1_out, 1.0 if arc.resonant else 0.0
-    )  # fmt: skip
-    modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i] = (
-        arc.beat, arc.p0, arc.p1, arc.p2, arc.p3
-    )  # fmt: skip
+    for row, number in enumerate(arc):
+        modes[k + row, i] = number
 
 
 @kernel
@@ -118,11 +109,8 @@ def modal_arc(modes, first, states, segment, tau):
     p0_sum = p1_sum = p2_sum = p3_sum = 0.0
     pace = omega if tone else 0.0
     for i in range(count):
-        mass, stiffness, damping = (
-            modes[first + at.MASS, i],
-            modes[first + at.STIFFNESS, i],
-            modes[first + at.DAMPING, i],
-        )
+        mass, stiffness = modes[first + at.MASS, i], modes[first + at.STIFFNESS, i]
+        damping = modes[first + at.DAMPING, i]
         direct, rate = modes[first + at.DIRECT, i], modes[first + at.RATE, i]
         decay = 0.5 * damping / mass
         squared = stiffness / mass - decay * decay
@@ -155,7 +143,7 @@ def modal_arc(modes, first, states, segment, tau):
             pace = max(pace, math.sqrt(stiffness / mass))
         _enter(modes, i, ModeArc(
             tau, mass, stiffness, decay, squared, damped, free, states[i, at.Q_RATE] - v + decay * free, a1, omega,
-            q0.real, q0.imag, q1.real, q1.imag, resonant, beat, p0, p1, p2, p3,
+            q0.real, q0.imag, q1.real, q1.imag, 1.0 if resonant else 0.0, beat, p0, p1, p2, p3,
         ))  # fmt: skip
     return ModalArc(
         tau, tone, omega, segment[at.PHASE], q0_sum, q1_sum, p0_sum, p1_sum, p2_sum, p3_sum, growing, pace, modes

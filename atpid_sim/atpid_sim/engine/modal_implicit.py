@@ -21,16 +21,12 @@ from atpid_sim.engine.rosenbrock import stiffness_and_damping, support_with_acce
 from atpid_sim.kernel import kernel
 
 _STAGES = 6
-_INCREMENTS = np.array([
-    [0.0, 0.0, 0.0, 0.0, 0.0], [ros.A21, 0.0, 0.0, 0.0, 0.0], [ros.A31, ros.A32, 0.0, 0.0, 0.0],
-    [ros.A41, ros.A42, ros.A43, 0.0, 0.0], [ros.A51, ros.A52, ros.A53, ros.A54, 0.0],
-    [ros.A51, ros.A52, ros.A53, ros.A54, 1.0],
-])  # fmt: skip
-_COUPLINGS = np.array([
-    [0.0, 0.0, 0.0, 0.0, 0.0], [ros.C21, 0.0, 0.0, 0.0, 0.0], [ros.C31, ros.C32, 0.0, 0.0, 0.0],
-    [ros.C41, ros.C42, ros.C43, 0.0, 0.0], [ros.C51, ros.C52, ros.C53, ros.C54, 0.0],
-    [ros.C61, ros.C62, ros.C63, ros.C64, ros.C65],
-])  # fmt: skip
+_INCREMENTS, _COUPLINGS = np.zeros((_STAGES, 5)), np.zeros((_STAGES, 5))
+_INCREMENTS[1, :1], _COUPLINGS[1, :1] = ros.A21, ros.C21
+_INCREMENTS[2, :2], _COUPLINGS[2, :2] = (ros.A31, ros.A32), (ros.C31, ros.C32)
+_INCREMENTS[3, :3], _COUPLINGS[3, :3] = (ros.A41, ros.A42, ros.A43), (ros.C41, ros.C42, ros.C43)
+_INCREMENTS[4:, :4], _COUPLINGS[4, :4] = (ros.A51, ros.A52, ros.A53, ros.A54), (ros.C51, ros.C52, ros.C53, ros.C54)
+_INCREMENTS[5, 4], _COUPLINGS[5] = 1.0, (ros.C61, ros.C62, ros.C63, ros.C64, ros.C65)
 _TIMES = np.array([0.0, ros.T2, ros.T3, ros.T4, 1.0, 1.0])
 _CHANGES = np.array([ros.D1, ros.D2, ros.D3, ros.D4, 0.0, 0.0])
 

@@ -40,10 +40,8 @@ def _with_room(modes, system):
     own = np.zeros((modes.shape[0] + _ROWS, modes.shape[1]))
     own[: modes.shape[0]] = modes
     own[modes.shape[0] + _STAGES] = 1.0 / modes[at.MASS]
-    return System(
-        system.beam_mass, system.grain_mass, system.stiffness, system.damping, system.gravity, system.radius,
-        unowned(own),
-    ), own  # fmt: skip
+    beam, grain, stiffness, damping, gravity, radius, _ = system
+    return System(beam, grain, stiffness, damping, gravity, radius, unowned(own)), own
 
 
 #: (modes, system) -> the system with room for what is computed, and what owns it; of one mode as it is, and None.

@@ -135,9 +135,8 @@ def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
     thrust, container = side * f4, 0.0
     for i in range(count):
         q = modes[now + at.Q, i] + (g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i])
-        v = modes[now + at.Q_RATE, i] + (
-            g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i]
-        )
+        moved = g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i]
+        v = modes[now + at.Q_RATE, i] + moved
         pull = modes[at.DIRECT, i] * u4 + modes[at.RATE, i] * w4 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
         a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
         modes[k + 6, i], modes[k + 7, i] = v, a
@@ -149,74 +148,42 @@ def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
     f5, c5, grain = _forces(model, p, o5, r5)
     thrust, container = side * f5, 0.0
     for i in range(count):
-        q = modes[now + at.Q, i] + (
-            g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i] + g4 * modes[k + 6, i]
-        )
-        v = modes[now + at.Q_RATE, i] + (
-            g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i] + g4 * modes[k + 7, i]
-        )
+        moved = g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i] + g4 * modes[k + 6, i]
+        q = modes[now + at.Q, i] + moved
+        moved = g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i] + g4 * modes[k + 7, i]
+        v = modes[now + at.Q_RATE, i] + moved
         pull = modes[at.DIRECT, i] * u5 + modes[at.RATE, i] * w5 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
         a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
         modes[k + 8, i], modes[k + 9, i] = v, a
         container += a
     b5 = side * container - grain
-    g1, g2, g3, g4, g5 = (
-        9017.0 / 3168.0 * p1,
-        -355.0 / 33.0 * p2,
-        46732.0 / 5247.0 * p3,
-        49.0 / 176.0 * p4,
-        -5103.0 / 18656.0 * p5,
-    )
+    g1, g2, g3 = 9017.0 / 3168.0 * p1, -355.0 / 33.0 * p2, 46732.0 / 5247.0 * p3
+    g4, g5 = 49.0 / 176.0 * p4, -5103.0 / 18656.0 * p5
     o6 = o1 + (g1 * r1 + g2 * r2 + g3 * r3 + g4 * r4 + g5 * r5)
     r6 = r1 + (g1 * b1 + g2 * b2 + g3 * b3 + g4 * b4 + g5 * b5)
     f6, c6, grain = _forces(model, p, o6, r6)
     thrust, container = side * f6, 0.0
     for i in range(count):
-        q = modes[now + at.Q, i] + (
-            g1 * modes[now + at.Q_RATE, i]
-            + g2 * modes[k + 2, i]
-            + g3 * modes[k + 4, i]
-            + g4 * modes[k + 6, i]
-            + g5 * modes[k + 8, i]
-        )
-        v = modes[now + at.Q_RATE, i] + (
-            g1 * modes[now + Q_ACCELERATION, i]
-            + g2 * modes[k + 3, i]
-            + g3 * modes[k + 5, i]
-            + g4 * modes[k + 7, i]
-            + g5 * modes[k + 9, i]
-        )
+        moved = g1 * modes[now + at.Q_RATE, i] + g2 * modes[k + 2, i] + g3 * modes[k + 4, i] + g4 * modes[k + 6, i]
+        q = modes[now + at.Q, i] + (moved + g5 * modes[k + 8, i])
+        moved = g1 * modes[now + Q_ACCELERATION, i] + g2 * modes[k + 3, i] + g3 * modes[k + 5, i] + g4 * modes[k + 7, i]
+        v = modes[now + at.Q_RATE, i] + (moved + g5 * modes[k + 9, i])
         pull = modes[at.DIRECT, i] * u6 + modes[at.RATE, i] * w6 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
         a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
         modes[k + 10, i], modes[k + 11, i] = v, a
         container += a
     b6 = side * container - grain
-    g1, g3, g4, g5, g6 = (
-        35.0 / 384.0 * p1,
-        500.0 / 1113.0 * p3,
-        125.0 / 192.0 * p4,
-        -2187.0 / 6784.0 * p5,
-        11.0 / 84.0 * p6,
-    )
+    g1, g3, g4 = 35.0 / 384.0 * p1, 500.0 / 1113.0 * p3, 125.0 / 192.0 * p4
+    g5, g6 = -2187.0 / 6784.0 * p5, 11.0 / 84.0 * p6
     o7 = o1 + (g1 * r1 + g3 * r3 + g4 * r4 + g5 * r5 + g6 * r6)
     r7 = r1 + (g1 * b1 + g3 * b3 + g4 * b4 + g5 * b5 + g6 * b6)
     f7, c7, grain = _forces(model, p, o7, r7)
     thrust, container = side * f7, 0.0
     for i in range(count):
-        q = modes[now + at.Q, i] + (
-            g1 * modes[now + at.Q_RATE, i]
-            + g3 * modes[k + 4, i]
-            + g4 * modes[k + 6, i]
-            + g5 * modes[k + 8, i]
-            + g6 * modes[k + 10, i]
-        )
-        v = modes[now + at.Q_RATE, i] + (
-            g1 * modes[now + Q_ACCELERATION, i]
-            + g3 * modes[k + 5, i]
-            + g4 * modes[k + 7, i]
-            + g5 * modes[k + 9, i]
-            + g6 * modes[k + 11, i]
-        )
+        moved = g1 * modes[now + at.Q_RATE, i] + g3 * modes[k + 4, i] + g4 * modes[k + 6, i] + g5 * modes[k + 8, i]
+        q = modes[now + at.Q, i] + (moved + g6 * modes[k + 10, i])
+        moved = g1 * modes[now + Q_ACCELERATION, i] + g3 * modes[k + 5, i] + g4 * modes[k + 7, i] + g5 * modes[k + 9, i]
+        v = modes[now + at.Q_RATE, i] + (moved + g6 * modes[k + 11, i])
         pull = modes[at.DIRECT, i] * u6 + modes[at.RATE, i] * w6 - modes[at.STIFFNESS, i] * q - modes[at.DAMPING, i] * v
         a = (pull - thrust) * modes[k, i] - modes[at.WEIGHT, i]
         modes[end + at.Q, i], modes[end + at.Q_RATE, i], modes[end + Q_ACCELERATION, i] = q, v, a
@@ -227,9 +194,8 @@ def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
     e5, e6, e7 = -17253.0 / 339200.0 * p5, 22.0 / 525.0 * p6, -0.025 * p6
     x = v = apart = faster = support = damper = 0.0
     for i in range(count):
-        v1, v3, v4, v5, v6 = (
-            modes[now + at.Q_RATE, i], modes[k + 4, i], modes[k + 6, i], modes[k + 8, i], modes[k + 10, i]
-        )  # fmt: skip
+        v1, v3, v4 = modes[now + at.Q_RATE, i], modes[k + 4, i], modes[k + 6, i]
+        v5, v6 = modes[k + 8, i], modes[k + 10, i]
         work = modes[at.DIRECT, i] * (g1 * u1 * v1 + g3 * u3 * v3 + g4 * u4 * v4 + g5 * u5 * v5 + g6 * u6 * v6)
         work += modes[at.RATE, i] * (g1 * w1 * v1 + g3 * w3 * v3 + g4 * w4 * v4 + g5 * w5 * v5 + g6 * w6 * v6)
         loss = g1 * v1 * v1 + g3 * v3 * v3 + g4 * v4 * v4 + g5 * v5 * v5 + g6 * v6 * v6
@@ -247,11 +213,9 @@ def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
         off += e5 * modes[k + 9, i] + e6 * modes[k + 11, i] + e7 * modes[end + Q_ACCELERATION, i]
         # a velocity counts by the displacement it leads to
         faster += off * off / (modes[k, i] * modes[at.STIFFNESS, i])
-    errors = Errors(
-        math.sqrt(apart), math.sqrt(faster * modes[k, 0] * modes[at.STIFFNESS, 0]),
-        e1 * r1 + e3 * r3 + e4 * r4 + e5 * r5 + e6 * r6 + e7 * r7,
-        e1 * b1 + e3 * b3 + e4 * b4 + e5 * b5 + e6 * b6 + e7 * b7,
-    )  # fmt: skip
+    deeper = e1 * r1 + e3 * r3 + e4 * r4 + e5 * r5 + e6 * r6 + e7 * r7
+    closing = e1 * b1 + e3 * b3 + e4 * b4 + e5 * b5 + e6 * b6 + e7 * b7
+    errors = Errors(math.sqrt(apart), math.sqrt(faster * modes[k, 0] * modes[at.STIFFNESS, 0]), deeper, closing)
     contact = g1 * c1 + g3 * c3 + g4 * c4 + g5 * c5 + g6 * c6
     impulse = g1 * f1 + g3 * f3 + g4 * f4 + g5 * f5 + g6 * f6
     end_rates = Rates(container, b7, f7, 0.0, 0.0, c7)

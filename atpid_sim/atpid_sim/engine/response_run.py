@@ -57,10 +57,7 @@ def _advance(run, table, drive, begin, end, y, n, sampling, out, observed):
     table[0, at.PHASE] = 2.0 * math.pi * ((begin * drive.frequency) % 1.0)
     window = (begin, end) if observed else (math.inf, math.inf)
     nothing = np.zeros((0, at.IMPACT_COLUMNS))
-    fidelity, system, mass, law, p, rtol, contacts = run
-    return integrate(
-        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, nothing, _STEPS, contacts
-    )
+    return integrate(run, table, y, n, window, sampling, out, nothing, _STEPS)
 
 
 @kernel
@@ -102,7 +99,7 @@ def _judge(amplitudes, apart, k, schedule):
 def respond(run, drive, path, schedule, y, n):
     """Advance a state in place along a path (k, 2) of (t [s], h [m]) that begins at its time, and watch it there.
 
-    run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`. Returns outcome's value, verdict,
+    run: as `integrate` takes it. Returns outcome's value, verdict,
     amplitude [m], and the largest change of the beam in the window between periods two apart [m], or as many up to
     `repeats` as make it least; of a run that ended before its window that is no more than what was left of its way.
     """

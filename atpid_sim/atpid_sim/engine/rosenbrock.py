@@ -29,7 +29,8 @@ C21 = -5.6688
 C31, C32 = -2.430093356833875, -0.2063599157091915
 C41, C42, C43 = -0.1073529058151375, -9.594562251023355, -20.47028614809616
 C51, C52, C53, C54 = 7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160
-C61, C62, C63, C64, C65 = 8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054  # fmt: skip # noqa: E501
+C61, C62, C63 = 8.083246795921522, -7.981132988064893, -31.52159432874371
+C64, C65 = 16.31930543123136, -6.058818238834054
 T2, T3, T4 = 0.386, 0.21, 0.63
 D1, D2, D3, D4 = 0.25, -0.1043, 0.1035, -0.0362
 #: The inner node of Lobatto's four-point rule.
@@ -89,7 +90,8 @@ def implicit_step(segment, model, p, tau, h, motion):
     stiff, damp = stiffness_and_damping(model, p, overlap, velocity)
     g = 1.0 / (GAMMA * h)
     # Jacobian of the two accelerations; displacements are eliminated, which leaves two equations for the velocities
-    ax, av, ao, ar = -model.stiffness * inverse, -model.damping * inverse, -side * stiff * inverse, -side * damp * inverse  # fmt: skip # noqa: E501
+    ax, av = -model.stiffness * inverse, -model.damping * inverse
+    ao, ar = -side * stiff * inverse, -side * damp * inverse
     bx, bv, bo, br = side * ax, side * av, -stiff * reduced, -damp * reduced
     m11, m12 = g - av - ax / g, -(ar + ao / g)
     m21, m22 = -(bv + bx / g), g - br - bo / g
@@ -118,10 +120,9 @@ def implicit_step(segment, model, p, tau, h, motion):
 
     # stage 3
     u3, w3, _a = support_with_acceleration(segment, tau + T3 * h)
+    xs, os = x + A31 * x1 + A32 * x2, overlap + A31 * o1 + A32 * o2
     vs, rs = v + A31 * v1 + A32 * v2, velocity + A31 * r1 + A32 * r2
-    s, t = _accelerations(
-        model, p, u3, w3, x + A31 * x1 + A32 * x2, vs, overlap + A31 * o1 + A32 * o2, rs
-    )  # fmt: skip
+    s, t = _accelerations(model, p, u3, w3, xs, vs, os, rs)
     px, po = vs + ih * (C31 * x1 + C32 * x2), rs + ih * (C31 * o1 + C32 * o2)
     ev = s + ih * (C31 * v1 + C32 * v2) + D3 * fa + (ax * px + ao * po) / g
     er = t + ih * (C31 * r1 + C32 * r2) + D3 * fb + (bx * px + bo * po) / g
@@ -130,11 +131,9 @@ def implicit_step(segment, model, p, tau, h, motion):
 
     # stage 4
     u4, w4, _a = support_with_acceleration(segment, tau + T4 * h)
+    xs, os = x + A41 * x1 + A42 * x2 + A43 * x3, overlap + A41 * o1 + A42 * o2 + A43 * o3
     vs, rs = v + A41 * v1 + A42 * v2 + A43 * v3, velocity + A41 * r1 + A42 * r2 + A43 * r3
-    s, t = _accelerations(
-        model, p, u4, w4,
-        x + A41 * x1 + A42 * x2 + A43 * x3, vs, overlap + A41 * o1 + A42 * o2 + A43 * o3, rs,
-    )  # fmt: skip
+    s, t = _accelerations(model, p, u4, w4, xs, vs, os, rs)
     px = vs + ih * (C41 * x1 + C42 * x2 + C43 * x3)
     po = rs + ih * (C41 * o1 + C42 * o2 + C43 * o3)
     ev = s + ih * (C41 * v1 + C42 * v2 + C43 * v3) + D4 * fa + (ax * px + ao * po) / g

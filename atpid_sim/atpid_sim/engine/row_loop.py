@@ -174,16 +174,18 @@ def _fast(system, law, p):
 
 
 @kernel
-def _control(fidelity, table, system, law, p, rtol, budget, y):
+def _control(run, table, budget, y):
     """Budget and error control of a run from state y through the drive table."""
+    fidelity, system, _mass, law, p, rtol, _contacts = run
     if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
         return control_of(table, system, law, p, rtol, budget, y)
     return ErrorControl(budget, rtol, rtol, 0.0, 0.0, 0.0)
 
 
 @kernel
-def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):
+def _integrate(run, mass, table, control, y, n, window, sampling, out, impacts):
     """`integrate`, with an `Outcome`."""
+    fidelity, system, _mass, law, p, _rtol, contacts = run
     own, owner = with_room(system.modes, system)
     ended = _advance(
         fidelity, unowned(table), own, mass, law, unowned(p), control, unowned(y), unowned(n), window, sampling,
@@ -239,24 +241,21 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
 
 
 @kernel
-def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):
+def integrate(run, table, y, n, window, sampling, out, impacts, budget):
     """Integrate through the drive table (rows, DRIVE_COLUMNS) from y[TIME] to its end; returns an outcome's value.
 
-    `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
+    run: (fidelity, system, mass, law, parameters, rtol, contacts), the mass what moves at the fidelity `simplified`
+    [kg], contacts the table of the fidelity `finite`; `window`: (from, to) [s], both row edges of the table where
     extremes shall be exact; `sampling`: (first instant, period) [s]; `out`: series (SAMPLE_ROWS, samples); `impacts`:
-    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`. y and n are the
-    state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain integers:
-    numba converts a member of an enumeration in 10 us.
+    log (capacity, IMPACT_COLUMNS); `budget`: steps. y and n are the state (`columns`), changed in place, also when the
+    run ends early. Fidelity and outcome pass as plain integers: numba converts a member of an enumeration in 10 us.
     """
-    control = _control(fidelity, table, system, law, p, rtol, budget, y)
-    outcome = _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts)
-    return outcome.value
+    control = _control(run, table, budget, y)
+    return _integrate(run, run[2], table, control, y, n, window, sampling, out, impacts).value
 
 
 @kernel
-def integrate_alike(
-    fidelity, tables, common, system, masses, law, p, rtol, y, n, window, sampling, outs, budget, contacts, outcomes
-):
+def integrate_alike(run, tables, common, masses, y, n, window, sampling, outs, budget, outcomes):
     """Integrate runs of one system that begin alike, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
 
     y (runs, STATE_SIZE), n (runs, COUNTERS): their states, the same at first, changed in place; the first `common` rows
@@ -265,24 +264,18 @@ def integrate_alike(
     series; outcomes (runs,): the outcomes' values. Nothing is logged; the rest as in `integrate`.
     """
     none, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
-    control = _control(fidelity, tables[0], system, law, p, rtol, budget, y[0])
-    start = tables[0, :common]
-    begun = _integrate(
-        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, none, impacts, contacts
-    )
-    for run in range(tables.shape[0] - 1, -1, -1):  # the first last: the others go on from its state
-        y[run], n[run] = y[0], n[0]
+    control = _control(run, tables[0], budget, y[0])
+    begun = _integrate(run, masses[0], tables[0, :common], control, y[0], n[0], window, sampling, none, impacts)
+    for k in range(tables.shape[0] - 1, -1, -1):  # the first last: the others go on from its state
+        y[k], n[k] = y[0], n[0]
         ended = begun
         if begun == Outcome.DONE:
-            ended = _integrate(
-                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling,
-                outs[run], impacts, contacts,
-            )  # fmt: skip
-        outcomes[run] = ended.value
+            ended = _integrate(run, masses[k], tables[k], control, y[k], n[k], window, sampling, outs[k], impacts)
+        outcomes[k] = ended.value
 
 
 @kernel
-def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, before, after, budget, contacts):
+def pass_sections(run, table, sections, before, after, budget):
     """Map states of free flight, `before` (runs, n) as `sections` lays them out [SI units], through the table.
 
     The runs beyond those of `before` go on from the one before. `after` (runs, n) gets their ends; returns how many it
@@ -291,18 +284,16 @@ def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, before,
     window, sampling = (math.inf, math.inf), (0.0, 1.0)
     out, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
     y, n = np.empty(sections.flight.size), np.zeros(at.COUNTERS, dtype=np.int64)
-    for run in range(after.shape[0]):
+    for k in range(after.shape[0]):
         y[:] = sections.flight
         n[:] = 0
         n[at.MODE] = at.FREE
-        enter_section(system.modes, sections, before[run] if run < before.shape[0] else after[run - 1], y)
-        control = _control(fidelity, table, system, law, p, rtol, budget, y)
-        ended = _integrate(
-            fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts
-        )
+        enter_section(run[1].modes, sections, before[k] if k < before.shape[0] else after[k - 1], y)
+        control = _control(run, table, budget, y)
+        ended = _integrate(run, run[2], table, control, y, n, window, sampling, out, impacts)
         if ended != Outcome.DONE:
-            return run, ended.value
+            return k, ended.value
         if n[at.MODE] != at.FREE:
-            return run, IN_CONTACT
-        leave_section(sections, y, after[run])
+            return k, IN_CONTACT
+        leave_section(sections, y, after[k])
     return after.shape[0], 0

@@ -68,31 +68,23 @@ def _to_section(run, table, y, n, budget):
     There the table begins from then on. Returns how far the section lies behind the period, as a share of one, negative
     where there is none, and the beam's amplitude in it [m].
     """
-    fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0))
-    period, samples, impacts = (
-        table[0, at.END],
-        np.zeros((at.SAMPLE_ROWS, _SAMPLES)),
-        np.zeros((_LOG, at.IMPACT_COLUMNS)),
-    )
+    samples, impacts = np.zeros((at.SAMPLE_ROWS, _SAMPLES)), np.zeros((_LOG, at.IMPACT_COLUMNS))
+    period = table[0, at.END]
     window, sampling = (0.0, period), (0.0, period / _SAMPLES)
     y[at.TIME], y[at.LOWEST], y[at.HIGHEST], n[at.SAMPLE], n[at.IMPACTS] = 0.0, math.inf, -math.inf, 0, 0
-    outcome = integrate(
-        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, samples, impacts, budget, contacts
-    )
+    outcome = integrate(run, table, y, n, window, sampling, samples, impacts, budget)
     for k in range(n[at.IMPACTS]):  # a contact may lie between samples
         between = int(impacts[k, at.E_TIME] / period * _SAMPLES) % _SAMPLES
         samples[at.S_GRAIN, between] = samples[at.S_BEAM, between]
     amplitude = 0.5 * (y[at.HIGHEST] - y[at.LOWEST])
-    middle = _middle_of_longest_flight(samples, table[0, at.HEIGHT] - 2.0 * system.radius)
+    middle = _middle_of_longest_flight(samples, table[0, at.HEIGHT] - 2.0 * run[1].radius)
     if outcome != 0 or middle < 0:
         return -1.0, amplitude
     share = middle / _SAMPLES
     if middle > 0:
         table[0, at.END], y[at.TIME], window = share * period, 0.0, (math.inf, math.inf)
-        outcome = integrate(
-            fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, unsampled, nothing, budget, contacts
-        )
+        outcome = integrate(run, table, y, n, window, sampling, unsampled, nothing, budget)
     table[0, at.END] = period
     table[0, at.PHASE] += table[0, at.OMEGA] * share * period
     return (share if outcome == 0 and n[at.MODE] == at.FREE else -1.0), amplitude
@@ -106,14 +98,11 @@ def _draw_together(run, table, sections, begin, scale, budget, passages):
     passage is no free flight, how many there are, after how many of them the motion repeats itself, and its distance
     from there at the rate of contraction, relative.
     """
-    fidelity, system, mass, law, p, rtol, contacts = run
     most = passages.shape[0]
     one, two = np.empty(most), np.empty(most)  # distances of passages one and two periods apart
     for k in range(most):
         last = begin if k == 0 else passages[k - 1 : k]
-        done, ended = pass_sections(
-            fidelity, table, system, mass, law, p, rtol, sections, last, passages[k : k + 1], budget, contacts
-        )
+        done, ended = pass_sections(run, table, sections, last, passages[k : k + 1], budget)
         if done == 0:
             return (IN_CONTACT if ended == GROUNDED else IRREGULAR), k, 1, math.inf
         one[k] = _apart(passages[k], last[0], scale)
@@ -134,19 +123,14 @@ def _draw_together(run, table, sections, begin, scale, budget, passages):
 def settle(run, rows, table, y, n, sections, sizes, least_size, budget, passages):
     """Follow a motion from state y, n, changed in place, until its passages of a section draw together regularly.
 
-    run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`; rows: drive table up to constant
-    conditions; table (1, DRIVE_COLUMNS): the period after it, from time zero on, changed to begin at the section;
-    sections: how section states lie in y; sizes (n,): of a motion of unit amplitude; least_size: of a motion [m];
-    budget: steps of each run. passages (most, n) gets them. Returns the outcome's value of `rows`, how it ends, periods
-    behind `rows`, the beam's amplitude [m], and the rest as `_draw_together`. Where a section turns
-    out to lie in a contact another one is taken.
+    run: as `integrate` takes it; rows: drive table up to constant conditions; table (1, DRIVE_COLUMNS): the period
+    after it, from time zero on, changed to begin at the section; sections: how section states lie in y; sizes (n,): of
+    a motion of unit amplitude; least_size: of a motion [m]; budget: steps of each run. passages (most, n) gets them.
+    Returns the outcome's value of `rows`, how it ends, periods behind `rows`, the beam's amplitude [m], and the rest as
+    `_draw_together`. Where a section turns out to lie in a contact another one is taken.
     """
-    fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0))
-    never = (math.inf, math.inf)
-    outcome = integrate(
-        fidelity, rows, system, mass, law, p, rtol, y, n, never, (0.0, 1.0), unsampled, nothing, budget, contacts
-    )
+    outcome = integrate(run, rows, y, n, (math.inf, math.inf), (0.0, 1.0), unsampled, nothing, budget)
     passed, amplitude, begin = 0.0, 0.0, np.empty((1, sizes.size))
     while outcome == 0:
         share, amplitude = _to_section(run, table, y, n, budget)
@@ -162,6 +146,6 @@ def settle(run, rows, table, y, n, sections, sizes, least_size, budget, passages
             return outcome, ending, passed, amplitude, count, periods, left
         if count > 0:
             begin[0] = passages[count - 1]
-        enter_section(system.modes, sections, begin[0], y)
+        enter_section(run[1].modes, sections, begin[0], y)
         n[at.MODE] = at.FREE
     return outcome, IRREGULAR, passed, amplitude, 0, 1, math.inf

@@ -19,10 +19,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_sim.maps.height_map import FORMAT, FORMAT_OF_RATIOS, Failure, HeightMap, MapError
 from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST, LAST_BELOW, WIDE, HeightSearch, promising
 from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
@@ -34,6 +34,7 @@ from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import Batch, Record, Workers, beside
 from atpid_sim.simulation.integration import rtol_of
 from atpid_sim.simulation.quantities import efficiency
+from atpid_sim.system import Array
 
 #: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
 #: irregular motion.
@@ -116,7 +117,7 @@ Progress = Callable[[int, int], None]
 #: Where a point lies: mass fraction [-], amplitude [m], and in a map over frequencies the frequency ratio [-].
 Point = tuple[float, ...]
 #: The fields of `Best` at a point; None, with `failure`, where a run fails.
-Values = dict[str, Any]
+Values = Document
 #: Runs finer than this gain nothing: best heights are told apart by 0.2 % of the amplitude.
 _FINEST = 1e-5
 #: A map is read between its points, so it stays in one well unless another is better by this share.
@@ -190,7 +191,7 @@ class _Plan:
         return identity
 
     @property
-    def purpose(self) -> dict[str, Any]:
+    def purpose(self) -> Document:
         """What the journal of the map is for."""
         version = FORMAT if self.ratios is None else FORMAT_OF_RATIOS
         return {"format": version, "system": self.identity, "tolerance": self.tolerance}
@@ -210,7 +211,7 @@ class _Plan:
 def _computed(plan: _Plan, point: Point) -> Values:
     """Return the values of a point."""
     fraction, amplitude, *ratio = point
-    return values_at(_damper(plan, fraction, *ratio or (None,)), amplitude)
+    return _values_at(_damper(plan, fraction, *ratio or (None,)), amplitude)
 
 
 @lru_cache(_MOST_SYSTEMS)
@@ -219,7 +220,7 @@ def _damper(plan: _Plan, fraction: float, ratio: float | None) -> DamperResponse
     return DamperResponse(plan.scene_at(fraction, ratio), plan.tolerance)
 
 
-def values_at(damper: DamperResponse, amplitude: float) -> Values:
+def _values_at(damper: DamperResponse, amplitude: float) -> Values:
     """Return the values of a point at a support amplitude [m]: of the closed damper where an open one is of no use.
 
     One amplitude that cannot be simulated, as where the grain is pressed deeper into a wall than its radius, must not
@@ -243,15 +244,14 @@ def map_tolerance(scene: Scene) -> float:
 
 def _assemble(plan: _Plan, known: dict[Point, Values]) -> HeightMap:
     points = plan.points()
-    failures = tuple(Failure(point[0], point[1], known[point]["failure"], *point[2:]) for point in points
-                     if "failure" in known[point])  # fmt: skip
+    failed = [(point, known[point]["failure"]) for point in points if "failure" in known[point]]
+    failures = tuple(Failure(fraction, amplitude, why, *ratio) for (fraction, amplitude, *ratio), why in failed)
     if len(failures) == len(points):
         raise NumericalFailure(f"none of the {len(points)} points of the map can be computed: {failures[0].reason}")
     layers = () if plan.ratios is None else (len(plan.ratios),)
 
-    def grid(name: str) -> Any:
-        values = [known[point][name] for point in points]
-        made = np.array(values, dtype=bool if name == "reproducible" else float)  # None becomes NaN
+    def grid(name: str) -> Array:
+        made = np.array([known[point][name] for point in points], dtype=float)  # None becomes NaN
         return made.reshape(*layers, len(plan.heavy), len(plan.wide))
 
     return HeightMap(
@@ -260,7 +260,7 @@ def _assemble(plan: _Plan, known: dict[Point, Values]) -> HeightMap:
         heights=grid("height"),
         beam_amplitudes=grid("amplitude"),
         efficiencies=grid("efficiency"),
-        reproducible=grid("reproducible"),
+        reproducible=grid("reproducible").astype(bool),
         identity=plan.identity,
         tolerance=plan.tolerance,
         failures=failures,

@@ -7,7 +7,6 @@ The curve is here because the import of scipy.interpolate would take a tenth of 
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -29,15 +28,10 @@ def unbroken(amplitudes: Array, values: Array) -> list[MapCurve]:
     curves = []
     for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
         x, y = amplitudes[places], values[places]
-        if len(places) > 1:
-            curves.append(MapCurve(float(x[0]), float(x[-1]), monotone(x, y)))
-        elif len(places) == 1:
-            curves.append(MapCurve(float(x[0]), float(x[0]), partial(_constant, y[0])))
+        if len(places):
+            curve = monotone(x, y) if len(places) > 1 else lambda _, only=y[0]: only
+            curves.append(MapCurve(float(x[0]), float(x[-1]), curve))
     return curves
-
-
-def _constant(values: Array, _: float) -> Array:
-    return values
 
 
 def monotone(x: Array, y: Array) -> Callable[[float], Array]:

@@ -10,13 +10,13 @@ import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
-from atpid_common.files import FileError, read_arrays
+from atpid_common.files import Document, FileError, read_arrays
 from atpid_common.output import writing
 from atpid_common.vocabulary import DRIVES
 from atpid_sim.maps.curves import MapCurve, unbroken
@@ -98,7 +98,7 @@ class HeightMap(Drawn):
         {name: ("unit" if name == "amplitudes" else "1", name) for name in _DIMS.split()}
         | in_unit("m", "heights beam_amplitudes", _DIMS)
         | in_unit("1", "efficiencies reductions reproducible", _DIMS)
-    )  # fmt: skip
+    )
     drawn = ("heights",)
 
     @property
@@ -177,13 +177,12 @@ class HeightMap(Drawn):
     def _layers(self) -> list[HeightMap]:
         """The maps of the single frequencies."""
         assert self.frequency_ratios is not None
-        return [
-            replace(
-                self, **{name: getattr(self, name)[k] for name in _GRIDS}, frequency_ratios=None,
-                failures=tuple(one for one in self.failures if one.frequency_ratio == ratio),
-            )
-            for k, ratio in enumerate(self.frequency_ratios)
-        ]  # fmt: skip
+        layers = []
+        for k, ratio in enumerate(self.frequency_ratios):
+            failures = tuple(one for one in self.failures if one.frequency_ratio == ratio)
+            grids = {name: getattr(self, name)[k] for name in _GRIDS}
+            layers.append(replace(self, **grids, failures=failures, frequency_ratios=None))
+        return layers
 
     @property
     def _diameter(self) -> float:
@@ -226,7 +225,7 @@ class HeightMap(Drawn):
         target = Path(path)
         part = target.with_name(target.name + ".part")
         several = self.frequency_ratios is not None
-        about: dict[str, Any] = {"format": FORMAT_OF_RATIOS if several else FORMAT, "system": self.identity}
+        about: Document = {"format": FORMAT_OF_RATIOS if several else FORMAT, "system": self.identity}
         about["tolerance"] = self.tolerance
         if self.failures:
             about["failures"] = [list(failure if several else failure[:3]) for failure in self.failures]
@@ -244,7 +243,7 @@ class HeightMap(Drawn):
         name = str(path)
         try:
             stored = read_arrays(Path(name), _LARGEST)
-            about: dict[str, Any] = json.loads(str(stored["about"]))
+            about: Document = json.loads(str(stored["about"]))
             several = about.get("format") == FORMAT_OF_RATIOS
             if about.get("format") not in (FORMAT, FORMAT_OF_RATIOS):
                 readable = f"{FORMAT} and {FORMAT_OF_RATIOS}"
@@ -290,8 +289,8 @@ class HeightMap(Drawn):
     def _has_possible_values(self) -> bool:
         """Return whether every number can be: a map in millimetres, or scaled, must not move a ceiling."""
         diameter = self._diameter
-        heights, beams, shares = (grid[np.isfinite(grid)] for grid in (self.heights, self.beam_amplitudes,
-                                                                       self.efficiencies))  # fmt: skip
+        grids = self.heights, self.beam_amplitudes, self.efficiencies
+        heights, beams, shares = (grid[np.isfinite(grid)] for grid in grids)
         return bool(
             self.tolerance > 0.0
             and ((self.amplitudes > 0.0) & (self.amplitudes <= _FARTHEST)).all()
@@ -369,7 +368,7 @@ def _stored(several: bool) -> tuple[str, ...]:
     return ("amplitudes", "mass_fractions", *_GRIDS, *(["frequency_ratios"] if several else []))
 
 
-def _failure(given: Any, several: bool) -> Failure:
+def _failure(given: list[float | str], several: bool) -> Failure:
     """Return a point that could not be computed, as it is in a file; raise ValueError or TypeError for another."""
     fraction, amplitude, reason, *ratio = given
     if len(ratio) != several:
@@ -389,7 +388,7 @@ def _numbers(stored: dict[str, NDArray[np.generic]], key: str) -> NDArray[np.gen
     return array.astype(np.float64)
 
 
-def _identity(given: Any) -> Identity:
+def _identity(given: object) -> Identity:
     """Return the system a map holds for; raise ValueError where it has no grain radius, or values of another type."""
     if not isinstance(given, dict) or not all(isinstance(value, str | int | float) for value in given.values()):
         raise ValueError("system is no table of numbers and words")

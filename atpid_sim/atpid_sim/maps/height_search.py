@@ -174,16 +174,14 @@ class HeightSearch:
         # to the end of each run: a transient may exceed for long what the motion comes to
         self._look([(h,) for h in {self._allowed(float(share), unit) for share in _WIDE}])
         limit = _WORTH_LONGER * min(one.amplitude for one in self._looked.values())
-        self._go_on([h for h, one in self._looked.items() if not one.regular and one.amplitude <= limit])
+        # many irregular motions come to a regular one late
+        late = [h for h, one in self._looked.items() if not one.regular and one.amplitude <= limit]
+        self._looked.update(zip(late, self._map(self._longer, late), strict=True))
+        self._looks += len(late)
         values = [self._looked[h].value for h in self.heights]
         minima = sorted(_minima(values), key=values.__getitem__)[:_MINIMA]
         coarse = list(zip(self.heights, values, strict=True))
         return [self.nearby(coarse, k) for k in minima]
-
-    def _go_on(self, heights: Sequence[float]) -> None:
-        """Look on at heights [m] of irregular motion: many come to a regular one late."""
-        self._looked.update(zip(heights, self._map(self._longer, heights), strict=True))
-        self._looks += len(heights)
 
     def _longer(self, height: float) -> _Look:
         after = replace(self._short, settle=_LONGER * self._short.settle)

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a map holds for: the values that decide best heights, by the scene's own keys."""
 
-from typing import Any
-
+from atpid_common.files import Document
 from atpid_sim.scene import Scene
 
 #: Numbers that differ by less are the same [relative].
@@ -14,7 +13,7 @@ _RESONANCE = 1e-4
 #: The key of the frequency, which a map over frequencies does not have.
 FREQUENCY = "excitation.frequency"
 
-Identity = dict[str, Any]
+Identity = Document
 
 
 def identity_of(scene: Scene) -> Identity:
@@ -52,11 +51,11 @@ def _frequency(scene: Scene) -> float | str:
     return "resonance" if near else scene.frequency_hz
 
 
-def _same(left: Any, right: Any) -> bool:
+def _same(left: object, right: object) -> bool:
     if isinstance(left, float | int) and isinstance(right, float | int):
         return abs(left - right) <= _SAME * max(abs(left), abs(right))
     return bool(left == right)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else ("nothing" if value is None else str(value))

@@ -123,9 +123,8 @@ class Ratings:
     """
 
     def __init__(
-        self, damper: DamperResponse, amplitude: float, approaches: Sequence[Approach], mapper: Mapper,
-        irregular: float = 1.0,
-    ) -> None:  # fmt: skip
+        self, damper: DamperResponse, amplitude: float, approaches: Sequence[Approach], mapper: Mapper, irregular: float
+    ) -> None:
         """See `best_height`; irregular: what the amplitude of an irregular motion counts as, in times itself [-]."""
         self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
         self.quick = damper.sufficient(amplitude, FLAT)

@@ -48,8 +48,8 @@ def truth_message(block: StreamBlock, start_ns: int) -> PlantTruth:
     """Return the true motion and energies of one block."""
     message, truth = PlantTruth(), block.truth
     _stamp(message, block.readings[0], start_ns, Frame.STAND)
-    for name in ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
-                 "ceiling_work", "stored_energy"):  # fmt: skip
+    energies = ("input_energy", "beam_loss", "contact_loss", "ceiling_work", "stored_energy")
+    for name in ("excitation_amplitude", "excitation_frequency", *energies):
         setattr(message, name, float(getattr(truth, name)))
     message.impacts = int(truth.impacts)
     for name in ("support", "beam", "grain", "ceiling"):

@@ -34,25 +34,23 @@ from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, scene_given, truth_message
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant.plant import Plant
-from atpid_sim.plant.stream import DeviceBlock, PlantLike, StampFaults, Stream, stamp_ns
+from atpid_sim.plant.stream import DeviceBlock, PlantLike, Stream, stamp_ns, stamp_shift
 from atpid_sim.scene import Scene
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
-CATCH_UP = 1e-3
+_CATCH_UP = 1e-3
 #: An exciter whose node is silent for longer is off; its states come 20 times a second [s].
-DRIVE_SILENCE = 0.2
+_DRIVE_SILENCE = 0.2
 
+_FAULTS = "injected faults beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none"
 PARAMETERS = (
     Entry("scene", "", "scene file (docs/scenes.md)"),
     Entry("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
     Entry("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-    Entry(
-        "faults", [""], "injected faults beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
-        live=True,
-    ),
-)  # fmt: skip
+    Entry("faults", [""], _FAULTS, live=True),
+)
 #: The parts whose faults the plant injects.
-INJECTED = (*SENSORS, "clock")
+_INJECTED = (*SENSORS, "clock")
 
 
 class PlantNode(Node):
@@ -73,7 +71,7 @@ class PlantNode(Node):
         self.stream = Stream(scene, self._plant)
         self._drive: ExcitationState | None = None
         self._drive_received = 0.0  # steady [s]
-        self._scene_faults, self._stamps = scene.injected, StampFaults(scene.seed)
+        self._scene_faults, self._seed = scene.injected, scene.seed
         self.stream.faults = self._faults(values.__getitem__)
         self.failure = ""  # what went wrong with the plant, one sentence
         self._ceiling: CeilingState | None = None
@@ -123,7 +121,7 @@ class PlantNode(Node):
 
     def _faults(self, value: Value) -> tuple[Injected, ...]:
         """Return the faults of scene and parameter. Raises FaultError for one that is invalid here."""
-        faults = (*self._scene_faults, *parsed(value("faults"), INJECTED, "the plant"))
+        faults = (*self._scene_faults, *parsed(value("faults"), _INJECTED, "the plant"))
         devices = [item.device for item in self.stream.instruments]
         if "accelerometer" not in devices and any(fault.part == "accelerometer" for fault in faults):
             raise FaultError("faults: given accelerometer; the scene has none; add sensors.accelerometer to it")
@@ -195,15 +193,15 @@ class PlantNode(Node):
     def _go_on(self) -> None:
         """Compute the next block once all have answered the last one, in lockstep."""
         answers = [self._ceiling, self._drive] if self._commanded else [self._ceiling]
-        if self._awaited is None or any(one is None or nanoseconds_of(one.header.stamp) != self._awaited
-                                        for one in answers):  # fmt: skip
+        stamps = {None if one is None else nanoseconds_of(one.header.stamp) for one in answers}
+        if self._awaited is None or stamps != {self._awaited}:
             return
         self._awaited = None
         self._next_block()
 
     def _excite(self) -> None:
         """Pass the exciter's state on to the plant: none, or an old one, is no excitation."""
-        old = not self._lockstep and time.monotonic() - self._drive_received > DRIVE_SILENCE
+        old = not self._lockstep and time.monotonic() - self._drive_received > _DRIVE_SILENCE
         state = ExcitationState() if self._drive is None or old else self._drive
         self._plant.excite(state.amplitude, state.frequency)
 
@@ -226,7 +224,7 @@ class PlantNode(Node):
 
     def _wait_for_block(self) -> None:
         """Set the timer to when the next block is due: waking up more often costs the loop time."""
-        self._pace_timer.timer_period_ns = round(max(CATCH_UP, -self._lag()) * 1e9)
+        self._pace_timer.timer_period_ns = round(max(_CATCH_UP, -self._lag()) * 1e9)
         self._pace_timer.reset()
 
     def _lag(self) -> float:
@@ -274,7 +272,7 @@ class PlantNode(Node):
     def _shift(self, reading: DeviceBlock) -> int:
         """By how much a faulty clock's stamp of a reading is off [ns]."""
         first_ns = stamp_ns(self._start_ns, reading.first_index, reading.rate)
-        shift = self._stamps.shift(self.stream.faults, reading.first_index / reading.rate, first_ns)
+        shift = stamp_shift(self.stream.faults, reading.first_index / reading.rate, first_ns, self._seed)
         return max(-first_ns, shift)
 
     # the end

@@ -107,7 +107,7 @@ class ReturnMap:
     def passed(self, section: Array) -> tuple[Array, Orbit]:
         """Return the section state (n,) `periods` later, and what happens until then. Raises NumericalFailure."""
         state, orbit = self._passage(section)
-        return section_of(self.integration, state), orbit
+        return _section_of(self.integration, state), orbit
 
     def _passage(self, section: Array) -> tuple[State, Orbit]:
         log = impact_log(_LOG * self.periods)
@@ -172,7 +172,7 @@ class ReturnMap:
         return state
 
 
-def section_of(integration: Integration, state: State) -> Array:
+def _section_of(integration: Integration, state: State) -> Array:
     """Return the section state (n,) of a state of the engine; raise NumericalFailure where the grain is in contact."""
     if state.mode != columns.FREE:
         raise NumericalFailure("the grain is in contact at the phase of the section")
@@ -202,7 +202,7 @@ def passage(
     if middle is None:
         raise NumericalFailure("the grain is always in contact: there is no free flight to take a section in")
     later = _run(integration, conditions, state, phase, middle * spacing) if middle else state
-    return (phase + middle / _SAMPLES) % 1.0, section_of(integration, later)
+    return (phase + middle / _SAMPLES) % 1.0, _section_of(integration, later)
 
 
 def _middle_of_longest(free: Array) -> int | None:

@@ -81,6 +81,14 @@ def rows_until(scene: Scene, end: float) -> Array:
     return rows
 
 
+def next_period(row: Array, period: float) -> Array:
+    """Return the row (1, DRIVE_COLUMNS) of the period [s] after one of constant conditions, from time zero on."""
+    following = row[None].copy()
+    following[0, columns.PHASE] += row[columns.OMEGA] * (row[columns.END] - row[columns.START])
+    following[0, columns.START], following[0, columns.END] = 0.0, period
+    return following
+
+
 class _Run:
     """The run, period by period."""
 
@@ -92,9 +100,7 @@ class _Run:
         self.period = 1.0 / conditions.frequency
         self.begin = self.period * (math.ceil(still / self.period - 1e-9) + 1)
         rows = rows_until(scene, self.begin)
-        self._row = rows[-1:].copy()
-        self._row[0, columns.PHASE] += rows[-1, columns.OMEGA] * (rows[-1, columns.END] - rows[-1, columns.START])
-        self._row[0, columns.START] = 0.0
+        self._row = next_period(rows[-1], self.period)
         if disturbance != 0.0:
             rows[:, SUPPORT] *= 1.0 + disturbance
         self.state, self.done, self.amplitude = integration.initial_state(), 0, 0.0
@@ -104,6 +110,11 @@ class _Run:
     def phase(self) -> float:
         """Of the strobes, as a share of a period."""
         return float(self._row[0, columns.PHASE] / (2.0 * math.pi)) % 1.0
+
+    @property
+    def followed(self) -> float:
+        """How much was run [s]."""
+        return self.begin + self.done * self.period
 
     def go_on(self, periods: int) -> Array:
         """Run so many periods on; return the looks at them (periods, looks * 3) [m]."""
@@ -223,18 +234,10 @@ def _waited(run: _Run, periods: int, known: float) -> SteadyState | None:
     largest = float(abs(multipliers[0]))
     if largest >= 1.0:
         return None
-    return SteadyState(
-        amplitude=state.amplitude,
-        error_estimate=known + tolerance_of(run.integration) / (1.0 - largest),
-        periods=periods,
-        multipliers=multipliers,
-        followed=run.begin + run.done * run.period,
-        section=run.state.y[run.integration.sections.places],
-        phase=run.phase,
-        impacts=named_impacts(log[: state.n[columns.IMPACTS]]),
-        fidelity=run.integration.fidelity,
-        method=Method.WAITED,
-    )
+    section, impacts = run.state.y[run.integration.sections.places], log[: state.n[columns.IMPACTS]]
+    error = known + tolerance_of(run.integration) / (1.0 - largest)
+    found = state.amplitude, error, periods, multipliers, run.followed, section, run.phase
+    return SteadyState(*found, named_impacts(impacts), run.integration.fidelity, Method.WAITED)
 
 
 def _multipliers(run: _Run, periods: int, amplitude: float) -> NDArray[np.complex128]:
@@ -264,18 +267,9 @@ def _slope_without_flight(run: _Run, periods: int, amplitude: float) -> Array:
 
 
 def _described(run: _Run, motion: PeriodicMotion, known: float) -> SteadyState:
-    return SteadyState(
-        amplitude=motion.amplitude,
-        error_estimate=known + motion.residual / motion.stability_margin,
-        periods=motion.periods,
-        multipliers=motion.multipliers,
-        followed=run.begin + run.done * run.period,
-        section=motion.section,
-        phase=motion.phase,
-        impacts=named_impacts(motion.impacts),
-        fidelity=run.integration.fidelity,
-        method=Method.LONG,
-    )
+    error, impacts = known + motion.residual / motion.stability_margin, named_impacts(motion.impacts)
+    found = motion.amplitude, error, motion.periods, motion.multipliers, run.followed, motion.section, motion.phase
+    return SteadyState(*found, impacts, run.integration.fidelity, Method.LONG)
 
 
 def _by_chance(scene: Scene, run: _Run, seen: Array, amplitude: float, still: float, slight: float) -> bool:

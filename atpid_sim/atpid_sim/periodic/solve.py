@@ -10,7 +10,6 @@ section to the next: below 1 in modulus they die out.
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from atpid_sim.engine.sections import Sections
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, passage
-from atpid_sim.results import Labelled, in_unit
+from atpid_sim.results import Labelled, Rows, in_unit
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
@@ -56,15 +55,15 @@ class SteadyState(Labelled):
     followed: float  # how much was run, beyond the scene's end where it took that [s]
     section: Array  # (n,), see `periodic.return_map`
     phase: float  # of the section, as a share of a period
-    impacts: NDArray[Any]  # (k,) with the columns of `results.IMPACT`, times after the section
+    impacts: Rows  # (k,) with the columns of `results.IMPACT`, times after the section
     fidelity: str
     method: Method = Method.SHORT
 
     labels = (
-        in_unit("m", "amplitude") | in_unit("s", "followed") | in_unit("1", "multipliers", "multiplier")
-        | in_unit("", "section", "place") | in_unit("", "impacts", "impact")
+        {"amplitude": ("m", ""), "followed": ("s", ""), "multipliers": ("1", "multiplier"), "section": ("", "place")}
+        | {"impacts": ("", "impact")}
         | in_unit("1", "stability_margin settling_periods")
-    )  # fmt: skip
+    )
 
     @property
     def stability_margin(self) -> float:

@@ -14,16 +14,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine import columns
 from atpid_sim.engine.settling_run import REGULAR, settle
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
-from atpid_sim.periodic.run_on import rows_until, run_on
+from atpid_sim.periodic.run_on import next_period, rows_until, run_on
 from atpid_sim.periodic.solve import (
     SteadyEnding,
     SteadySearch,
@@ -78,11 +76,10 @@ def follow(scene: Scene, quick: Integration, conditions: Conditions, still: floa
         return None
     rows = rows_until(scene, begin)
     state, sections = quick.initial_state().without_ledger(), np.empty((most, len(quick.sections.places)))
-    table = _next_period(rows[-1], period)
-    outcome, ending, passed, amplitude, count, periods, remaining = settle(
-        quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, quick.sizes(conditions.frequency),
-        least_size(quick, conditions), quick.step_limit, sections,
-    )  # fmt: skip
+    table = next_period(rows[-1], period)
+    sizes, least = quick.sizes(conditions.frequency), least_size(quick, conditions)
+    given = quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, sizes, least, quick.step_limit
+    outcome, ending, passed, amplitude, count, periods, remaining = settle(*given, sections)
     if outcome != Outcome.DONE or ending != REGULAR:
         return None
     once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
@@ -92,14 +89,6 @@ def follow(scene: Scene, quick: Integration, conditions: Conditions, still: floa
     moves = np.abs(np.diff(passages / scale, axis=0)).max(axis=1)
     growth = float(np.prod(np.maximum(moves[1:] / np.maximum(moves[:-1], 1e-300), 1.0)))
     return Approach(once, periods, passages, scale, time, remaining, growth)
-
-
-def _next_period(row: Array, period: float) -> Array:
-    """Return the row (1, DRIVE_COLUMNS) of the period [s] after one of constant conditions, from time zero on."""
-    following = row[None].copy()
-    following[0, columns.PHASE] += row[columns.OMEGA] * (row[columns.END] - row[columns.START])
-    following[0, columns.START], following[0, columns.END] = 0.0, period
-    return following
 
 
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed,
@@ -128,8 +117,8 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     """Return the steady motion that a scene ends in, as if its last excitation and ceiling went on for ever.
 
     fidelity, rtol: of the solution, as in `simulate`. A search that finds none is a result with its reason. Raises
-    NumericalFailure where the transient does not run as it should, SceneError where a controller moves the ceiling,
-    ValueError for an unknown fidelity.
+    NumericalFailure where the transient does not run as it should, SceneError where a controller moves the ceiling, and
+    for an unknown fidelity.
     """
     scene.require_prescribed_ceiling()
     choice = choose(scene, fidelity)
@@ -215,10 +204,8 @@ def _described(approach: Approach, exact: ReturnMap, orbit: Orbit, section: Arra
     multipliers = multipliers_at(exact, section, approach.scale)
     if abs(multipliers[0]) >= 1.0:
         return None
-    return SteadyState(
-        orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase,
-        named_impacts(orbit.impacts), exact.integration.fidelity,
-    )  # fmt: skip
+    found = orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase
+    return SteadyState(*found, named_impacts(orbit.impacts), exact.integration.fidelity)
 
 
 #: How far steps may lead, in the distances that are left to go at the rate of contraction.
@@ -234,14 +221,15 @@ class _Newton:
         """Begin; known: relative error that steps do not remove."""
         self.section, self.left, self.slope = section, math.inf, np.eye(len(section))
         self.improved = False  # whether steps had to improve the derivative
-        self._inverse: NDArray[np.floating[Any]] = self.slope
+        self._inverse: Array = np.eye(len(section))
         self._last, self._scale, self._known = approach.passages[-1], approach.scale, known
         self._farthest = _FARTHEST * approach.remaining + known
         self._before: tuple[Array, Array] | None = None  # last section state and what is missing to its image
 
     def derive(self, slope: Array) -> None:
         """Take another derivative of the return map (n, n)."""
-        self.slope, self._inverse, self._before = slope, np.linalg.inv(np.eye(len(slope)) - slope), None
+        self.slope, self._before = slope, None
+        self._inverse = np.asarray(np.linalg.inv(np.eye(len(slope)) - slope), dtype=float)
 
     def step(self, after: Array, alike: bool = False) -> None:
         """Step from the section state (n,) to which `after` is the next passage; raises NumericalFailure if too far.

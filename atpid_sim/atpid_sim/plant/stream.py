@@ -22,7 +22,7 @@ from atpid_sim.scene.sensors import Reading
 from atpid_sim.system import Array
 
 #: Channels of the simulated stand and the part that measures each.
-PART_OF = {
+_PART_OF = {
     "support_displacement": "support_laser",
     "beam_displacement": "beam_laser",
     "beam_acceleration": "accelerometer",
@@ -37,7 +37,7 @@ class ChannelFaults:
     """The faults of one channel, injected into its readings; without one the readings are passed through unchanged."""
 
     def __init__(self, part: str, rate: float, seed: int) -> None:
-        """Take the part (`PART_OF`), the channel's rate [Hz] and the seed of random readings."""
+        """Take the part (`_PART_OF`), the channel's rate [Hz] and the seed of random readings."""
         self.part, self._rate, self._seed = part, rate, seed
         self._past = np.empty(0)  # what the working sensor read, up to `_KEPT`
         self._last = math.nan  # what was read last with the fault injected: where a stuck sensor stays
@@ -91,36 +91,33 @@ class ChannelFaults:
         return out
 
 
-class StampFaults:
-    """The faults of the clock that stamps blocks."""
+def stamp_shift(faults: Sequence[Injected], time: float, stamp_ns: int, seed: int) -> int:
+    """Return by how much [ns] a clock's faults put the stamp `stamp_ns` of an instant `time` [s] after the start off.
 
-    def __init__(self, seed: int) -> None:
-        """Take the seed of random stamps."""
-        self._seed = seed
+    seed: of random stamps.
+    """
+    fault = active_fault(faults, time, "clock")
+    return round(_seconds_off(fault, time, stamp_ns, seed) * 1e9) if fault else 0
 
-    def shift(self, faults: Sequence[Injected], time: float, stamp_ns: int) -> int:
-        """Return by how much [ns] the stamp `stamp_ns` of an instant `time` [s] after the start is off."""
-        fault = active_fault(faults, time, "clock")
-        return round(self._seconds(fault, time, stamp_ns) * 1e9) if fault else 0
 
-    def _seconds(self, fault: Injected, time: float, stamp_ns: int) -> float:
-        elapsed = time - fault.begin
-        match fault.kind:
-            case "off":
-                return -stamp_ns * 1e-9
-            case "stuck":
-                return -elapsed
-            case "garbage":
-                generator = np.random.default_rng([self._seed, 8, round(time * 1e6)])
-                return float(generator.uniform(-fault.value, fault.value))
-            case "wrong":
-                return fault.value
-            case "slow":
-                return -fault.value * elapsed
-            case "delayed":
-                return -fault.value
-            case _:
-                return -_BEHIND if fault.gap(time) else 0.0
+def _seconds_off(fault: Injected, time: float, stamp_ns: int, seed: int) -> float:
+    elapsed = time - fault.begin
+    match fault.kind:
+        case "off":
+            return -stamp_ns * 1e-9
+        case "stuck":
+            return -elapsed
+        case "garbage":
+            generator = np.random.default_rng([seed, 8, round(time * 1e6)])
+            return float(generator.uniform(-fault.value, fault.value))
+        case "wrong":
+            return fault.value
+        case "slow":
+            return -fault.value * elapsed
+        case "delayed":
+            return -fault.value
+        case _:
+            return -_BEHIND if fault.gap(time) else 0.0
 
 
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
@@ -183,7 +180,7 @@ def laser_of(scene: Scene) -> Instrument:
     return Instrument("laser", channels, units, (first, laser), laser.rate, scene.seed, 0)
 
 
-def accelerometer_of(scene: Scene) -> Instrument | None:
+def _accelerometer_of(scene: Scene) -> Instrument | None:
     """Return the accelerometer on the beam [m/s^2], if the scene has one."""
     sensor = scene.sensors.accelerometer
     if sensor is None:
@@ -225,12 +222,14 @@ class Stream:
         """Prepare the first block; raise StreamError where the sensors' rates have no common clock."""
         self._scene, self._plant = scene, plant
         self.laser = laser_of(scene)
-        second = accelerometer_of(scene)
+        second = _accelerometer_of(scene)
         self.instruments = (self.laser, second) if second else (self.laser,)
         self.rate = common_rate([item.rate for item in self.instruments])
         self.faults: tuple[Injected, ...] = scene.injected
-        self._channels = {item.device: [ChannelFaults(PART_OF.get(name, ""), item.rate, scene.seed)
-                                        for name in item.channels] for item in self.instruments}  # fmt: skip
+        self._channels = {
+            item.device: [ChannelFaults(_PART_OF.get(name, ""), item.rate, scene.seed) for name in item.channels]
+            for item in self.instruments
+        }
         self._strides = {item.device: round(self.rate / item.rate) for item in self.instruments}
         stride = self._strides["laser"]
         self.ticks_per_block = max(1, round(scene.recording.block * scene.sensors.laser.rate)) * stride

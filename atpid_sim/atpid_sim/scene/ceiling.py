@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import PydanticKnownError
@@ -28,7 +28,7 @@ from atpid_sim.fields import (
 Heights = tuple[tuple[float, float], ...]
 
 
-class PrescribedCeiling(SceneBlock):
+class _PrescribedCeiling(SceneBlock):
     """A ceiling that no controller moves; what a controlled one is asked for is unbounded, unknown or absent."""
 
     kind: ClassVar[str]
@@ -39,7 +39,7 @@ class PrescribedCeiling(SceneBlock):
     map: ClassVar[Path | None] = None
 
 
-class FixedCeiling(PrescribedCeiling):
+class FixedCeiling(_PrescribedCeiling):
     """A fixed ceiling."""
 
     kind: ClassVar[str] = "fixed"
@@ -51,7 +51,7 @@ class FixedCeiling(PrescribedCeiling):
         return ((0.0, self.height),)
 
 
-class OpeningCeiling(PrescribedCeiling):
+class OpeningCeiling(_PrescribedCeiling):
     """A ceiling that goes once from closed to open, at constant speed (equations 3.35 and 3.36)."""
 
     kind: ClassVar[str] = "opening"
@@ -73,7 +73,7 @@ class OpeningCeiling(PrescribedCeiling):
         return ((self.start, self.closed), (self.end, self.open))
 
 
-class ProfileCeiling(PrescribedCeiling):
+class ProfileCeiling(_PrescribedCeiling):
     """A ceiling that follows given points, straight in between."""
 
     kind: ClassVar[str] = "profile"
@@ -91,7 +91,7 @@ CONTROLLERS = ("lookup", "pca", "direct", "search")
 SELECTORS = "atpid.selectors"
 
 
-def _installed(name: Any) -> Any:
+def _installed(name: object) -> object:
     if name in CONTROLLERS:
         return name
     names = [*CONTROLLERS, *sorted(entry_points(group=SELECTORS).names)]

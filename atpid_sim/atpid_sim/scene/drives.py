@@ -17,7 +17,7 @@ from atpid_sim.system import Array
 #: logarithms of both, zero outside.
 Density = tuple[tuple[float, float], ...]
 #: One frequency [Hz], or that of beam and grain as one mass.
-ToneFrequency = Annotated[
+_ToneFrequency = Annotated[
     Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")],
     Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>"),
 ]
@@ -39,7 +39,7 @@ class Tone(SceneBlock):
     """One of several tones, A sin(2 pi f t + phase)."""
 
     amplitude: Amplitude = Field(description="support amplitude [m]")
-    frequency: ToneFrequency = Field(description="frequency [Hz], or resonance: that of beam and grain as one mass")
+    frequency: _ToneFrequency = Field(description="frequency [Hz], or resonance: that of beam and grain as one mass")
     phase: Annotated[Number, within(-100.0, 100.0)] = Field(default=0.0, description="phase at time zero [rad]")
 
 

@@ -33,7 +33,7 @@ Frequency = Annotated[
 Points = tuple[tuple[float, float], ...]
 
 
-class SupportMotion(SceneBlock):
+class _SupportMotion(SceneBlock):
     """What every excitation is asked for."""
 
     kind: ClassVar[str]
@@ -70,7 +70,7 @@ class SupportMotion(SceneBlock):
         return 0.0
 
 
-class HarmonicExcitation(SupportMotion):
+class HarmonicExcitation(_SupportMotion):
     """u = A(t) sin(2 pi f t) (equation 3.44), A and f along straight ramps where points are given."""
 
     kind: ClassVar[str] = "harmonic"
@@ -85,12 +85,12 @@ class HarmonicExcitation(SupportMotion):
 
     @property
     def amplitude_points(self) -> Points:
-        """See `SupportMotion`."""
+        """See `_SupportMotion`."""
         return ((0.0, self.amplitude),) if isinstance(self.amplitude, float) else self.amplitude
 
     @property
     def tone_frequency(self) -> float | Literal["resonance"] | Points:
-        """See `SupportMotion`."""
+        """See `_SupportMotion`."""
         return self.frequency
 
 
@@ -111,7 +111,7 @@ class FreeDecay(SceneBlock):
     deflection: Displacement = Field(description="displacement from the static equilibrium at release, upward [m]")
 
 
-class FreeExcitation(SupportMotion):
+class FreeExcitation(_SupportMotion):
     """The support is at rest; the beam is released at rest from a deflection."""
 
     kind: ClassVar[str] = "free"
@@ -120,7 +120,7 @@ class FreeExcitation(SupportMotion):
 
     @property
     def deflection(self) -> float:
-        """See `SupportMotion`."""
+        """See `_SupportMotion`."""
         return self.free.deflection
 
 
@@ -133,7 +133,7 @@ class Sweep(SceneBlock):
     duration: Duration | None = Field(default=None, description="how long the sweep takes [s]; default: the whole run")
 
 
-class SweepExcitation(SupportMotion):
+class SweepExcitation(_SupportMotion):
     """u = A sin(2 pi (f0 t + (f1 - f0) t^2 / 2 T))."""
 
     kind: ClassVar[str] = "sweep"
@@ -141,20 +141,20 @@ class SweepExcitation(SupportMotion):
 
     @property
     def amplitude_points(self) -> Points:
-        """See `SupportMotion`."""
+        """See `_SupportMotion`."""
         return ((0.0, self.sweep.amplitude),)
 
 
-class UnevenMotion(SupportMotion):
+class _UnevenMotion(_SupportMotion):
     """What has no one amplitude."""
 
     @property
     def amplitude_points(self) -> Points:
-        """See `SupportMotion`."""
+        """See `_SupportMotion`."""
         return ((0.0, math.nan),)
 
 
-class TonesExcitation(UnevenMotion):
+class TonesExcitation(_UnevenMotion):
     """u = sum of A sin(2 pi f t + phase), from time zero on."""
 
     kind: ClassVar[str] = "tones"
@@ -169,7 +169,7 @@ class TonesExcitation(UnevenMotion):
         return sum(tone.amplitude for tone in self.tones)
 
 
-class RandomExcitation(UnevenMotion):
+class RandomExcitation(_UnevenMotion):
     """A stationary random motion of given power spectral density; seed and duration make the realisation."""
 
     kind: ClassVar[str] = "random"
@@ -183,7 +183,7 @@ class RandomExcitation(UnevenMotion):
         return math.sqrt(2.0 * float(band_power(points, [points[0][0], points[-1][0]])[0]))
 
 
-class ShockExcitation(UnevenMotion):
+class ShockExcitation(_UnevenMotion):
     """The support is at rest, makes one pulse of acceleration, and comes to rest elsewhere."""
 
     kind: ClassVar[str] = "shock"
@@ -227,7 +227,7 @@ class Series(SceneBlock):
         return self
 
 
-class SeriesExcitation(UnevenMotion):
+class SeriesExcitation(_UnevenMotion):
     """u interpolated by a cubic spline through measured points, so that velocity is its exact derivative."""
 
     kind: ClassVar[str] = "series"
@@ -245,16 +245,8 @@ Excitation = Annotated[
     | Annotated[RandomExcitation, Tag("<random>")]
     | Annotated[ShockExcitation, Tag("<shock>")],
     by_key(
-        {
-            "<commanded>": ("commanded",),
-            "<free>": ("free",),
-            "<sweep>": ("sweep",),
-            "<series>": ("series",),
-            "<tones>": ("tones",),
-            "<random>": ("random",),
-            "<shock>": ("shock",),
-            "<harmonic>": ("amplitude", "frequency"),
-        },
+        {f"<{key}>": (key,) for key in ("commanded", "free", "sweep", "series", "tones", "random", "shock")}
+        | {"<harmonic>": ("amplitude", "frequency")},
         "one of {amplitude, frequency}, {commanded: true, amplitude, frequency}, {free: ...}, {sweep: ...}, "
         "{series: ...}, {tones: ...}, {random: ...}, {shock: ...}",
     ),

@@ -8,12 +8,13 @@ import functools
 import math
 import operator
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from atpid_common.files import Document
 from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_common.vocabulary import DRIVES, Drive
 from atpid_sim.contact.laws import LAWS, NAMES
@@ -26,8 +27,8 @@ from atpid_sim.scene.sensors import Fault, Recording, Sensors
 from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
 from atpid_sim.scene.yaml12 import SceneError, write_yaml
 
-#: Share of the run, at its end, that is the steady window where the scene names none.
-_STEADY_SHARE = 0.125
+#: Between which shares of the run the steady window is where the scene names none.
+_STEADY = (0.875, 1.0)
 #: Modes beside the first at most.
 _MOST_MODES = 50
 #: Faults of one run at most.
@@ -36,7 +37,7 @@ _MOST_FAULTS = 1000
 _MOST_A_BLOCK = 1_000_000
 
 
-def _law(value: Any) -> str | None:
+def _law(value: object) -> str | None:
     law = value.get("law") if isinstance(value, Mapping) else getattr(value, "law", None)
     return f"<{law}>" if law in NAMES else None
 
@@ -51,11 +52,6 @@ else:
         functools.reduce(operator.or_, _SPECS),
         Discriminator(_law, custom_error_type="no_law", custom_error_message=f"law: one of {', '.join(NAMES)}"),
     ]
-
-
-def _last_part(duration: float) -> tuple[float, float]:
-    """Return the steady window of a run of `duration` [s] where the scene names none [s]."""
-    return (1.0 - _STEADY_SHARE) * duration, duration
 
 
 class SceneValues(SceneBlock):
@@ -80,7 +76,7 @@ class SceneValues(SceneBlock):
     gravity: Annotated[Number, within(0.0, 1e4)] = Field(description="gravity [m/s^2]")
     duration: Duration = Field(description="length of the run [s]")
     steady_window: Range = Field(
-        default_factory=lambda given: _last_part(given.get("duration", math.nan)),
+        default_factory=lambda given: tuple(share * given.get("duration", math.nan) for share in _STEADY),
         description="between which times the amplitude is taken [s]; default: the last eighth of the run",
     )
     tolerance: Annotated[Number, within(1e-13, 0.5)] = Field(
@@ -95,7 +91,7 @@ class SceneValues(SceneBlock):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_damper(cls, given: Any) -> Any:
+    def _one_damper(cls, given: object) -> object:
         if isinstance(given, Mapping) and "further_dampers" in given:
             allowed = "none: one damper with one grain is simulated, that of grain and ceiling"
             raise impossible("further_dampers", given["further_dampers"], allowed)
@@ -234,10 +230,10 @@ class SceneValues(SceneBlock):
         """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
         noise = () if self.excitation.kind == "random" else ("seed",)
         apart = ("further_modes", "drive", *(() if measured else ("sensors.", "recording.", *noise)))
-        return [f"{key} = {_text(value)}" for key, value, _ in _defaults(self, "") if value is not None
-                and not key.startswith(apart)]  # fmt: skip
+        used = [(key, value) for key, value, _ in _defaults(self, "") if value is not None]
+        return [f"{key} = {_text(value)}" for key, value in used if not key.startswith(apart)]
 
-    def to_mapping(self) -> dict[str, Any]:
+    def to_mapping(self) -> Document:
         """Return what was given, as plain numbers, text, lists and dicts."""
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
 
@@ -314,7 +310,7 @@ def _fault_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
         yield impossible("faults", f"{both[0]} and {both[1]}", "one fault of a part at a time")
 
 
-def _defaults(block: SceneBlock, prefix: str) -> Iterator[tuple[str, Any, str]]:
+def _defaults(block: SceneBlock, prefix: str) -> Iterator[tuple[str, object, str]]:
     """Yield key, value used and meaning of each value that was not given."""
     for name, field in type(block).model_fields.items():
         key, value = prefix + (field.alias or name), getattr(block, name)
@@ -324,6 +320,6 @@ def _defaults(block: SceneBlock, prefix: str) -> Iterator[tuple[str, Any, str]]:
             yield from _defaults(value, key + ".")
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     shown = list(value) if isinstance(value, tuple) else value
     return "none" if shown is None else str(shown)

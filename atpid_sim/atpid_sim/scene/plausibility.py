@@ -57,12 +57,12 @@ def warnings_of(scene: SceneValues) -> list[str]:
     quantities = (quantity for part in parts for quantity in part(scene))
     lines = [line for quantity in quantities if (line := quantity.warning()) is not None]
     if isinstance(scene.contact, ElasticSpec):
-        other = mismatch(grain_density(scene), scene.contact.young_modulus)
+        other = mismatch(_grain_density(scene), scene.contact.young_modulus)
         lines += [f"contact.young_modulus: {other}"] if other else []
     return lines
 
 
-def grain_density(scene: SceneValues) -> float:
+def _grain_density(scene: SceneValues) -> float:
     """Return the density of the grain, a sphere [kg/m^3]."""
     return scene.grain_mass / (4.0 / 3.0 * math.pi * scene.grain.radius**3)
 
@@ -77,7 +77,7 @@ def _structure(scene: SceneValues) -> Iterator[Quantity]:
     )
     yield Quantity("beam, static deflection", scene.static_deflection, 0.0, 0.5, "m", "too heavy or too soft?")
     yield Quantity("grain.radius", scene.grain.radius, 2e-4, 0.2, "m", _MILLIMETRES)
-    yield Quantity("grain, density", grain_density(scene), 100.0, 23_000.0, "kg/m^3", heavy)
+    yield Quantity("grain, density", _grain_density(scene), 100.0, 23_000.0, "kg/m^3", heavy)
     if scene.gravity != 0.0:
         yield Quantity("gravity", scene.gravity, 1.0, 30.0, "m/s^2")
     if isinstance(scene.contact, ElasticSpec):
@@ -107,10 +107,8 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
         tones = [frequency for _, frequency in excitation.frequency_points] or [scene.frequency_hz]
         for tone in dict.fromkeys((min(tones), max(tones))):
             yield Quantity("excitation.frequency over the resonance", tone / scene.natural_frequency_hz, 0.1, 10.0, "")
-        yield Quantity(
-            "excitation, steady amplitude of the beam with the damper closed",
-            scene.linear_amplitude(amplitude, grain=True), 0.0, 5.0, "m",
-        )  # fmt: skip
+        name = "excitation, steady amplitude of the beam with the damper closed"
+        yield Quantity(name, scene.linear_amplitude(amplitude, grain=True), 0.0, 5.0, "m")
 
 
 def friction_number(friction: float, gravity: float, acceleration: float) -> float:
@@ -129,14 +127,12 @@ def _sideways(scene: SceneValues) -> Iterator[Quantity]:
     least = (2.0 * math.pi * scene.frequency_hz) ** 2 * min(sizes)
     slides = friction_number(scene.container.side_friction or 0.0, scene.gravity, least)
     turns = scene.container.slope * max(sizes) if scene.container.slope else 0.0
-    yield Quantity(
-        "container.side_friction, deceleration over the closed damper's acceleration", slides, 0.0, FRICTION_LIMIT, "",
-        "sliding and rolling are left out: smoother walls, larger amplitudes, or measure (docs/horizontal.md)",
-    )  # fmt: skip
-    yield Quantity(
-        "container.slope, rotation at the closed damper's amplitude", turns, 0.0, SLOPE_LIMIT, "rad",
-        "impacts on side walls are left out: a longer beam, or two in parallel (docs/horizontal.md)",
-    )  # fmt: skip
+    name = "container.side_friction, deceleration over the closed damper's acceleration"
+    hint = "sliding and rolling are left out: smoother walls, larger amplitudes, or measure (docs/horizontal.md)"
+    yield Quantity(name, slides, 0.0, FRICTION_LIMIT, "", hint)
+    name = "container.slope, rotation at the closed damper's amplitude"
+    hint = "impacts on side walls are left out: a longer beam, or two in parallel (docs/horizontal.md)"
+    yield Quantity(name, turns, 0.0, SLOPE_LIMIT, "rad", hint)
 
 
 def _ceiling(scene: SceneValues) -> Iterator[Quantity]:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Union, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -93,14 +93,14 @@ def _bare_number(text: str, location: tuple[int | str, ...], whole: type[SceneBl
     return f"a bare number, in {unit[1]}" if unit and unit[1] != "-" else "a bare number"
 
 
-def decimal_comma(mapping: Any, place: str = "") -> str:
+def decimal_comma(mapping: object, place: str = "") -> str:
     """Return the line for a number with a decimal comma in `{...}`, where YAML reads two entries; empty: none."""
-    before = ""
+    before, last = "", None
     for key, value in mapping.items() if isinstance(mapping, Mapping) else ():
         if isinstance(key, int) and value is None and before:
-            given = f"{shown(mapping[before])} and, after a comma, {key}"
+            given = f"{shown(last)} and, after a comma, {key}"
             return f"{place}{before}: given {given}; allowed: a number with a decimal point"
-        before = str(key)
+        before, last = str(key), value
         if inner := decimal_comma(value, f"{place}{key}."):
             return inner
     return ""
@@ -165,12 +165,12 @@ def _model_at(location: tuple[int | str, ...], whole: type[SceneBlock]) -> type[
     return model
 
 
-def _block_in(annotation: Any) -> type[SceneBlock] | None:
+def _block_in(annotation: object) -> type[SceneBlock] | None:
     choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType, tuple) else (annotation,)
     return next((choice for choice in choices if isinstance(choice, type) and issubclass(choice, SceneBlock)), None)
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as it was given, cut to a readable length."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
@@ -207,7 +207,7 @@ class Scene(SceneValues):
         found = [line.partition(" is unusual")[0] for line in self.warnings()]
         return f"; unusual in the scene: {'; '.join(found)}" if found else ""
 
-    def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: Any) -> Scene:
+    def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: object) -> Scene:
         """Return a validated copy with some values changed.
 
         `height` [m] puts a fixed ceiling there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
@@ -251,7 +251,7 @@ class Scene(SceneValues):
         return f"<pre>{html.escape(repr(self))}</pre>"
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return numpy's numbers and arrays as plain ones."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
@@ -266,7 +266,7 @@ def load_scene(path: str | Path) -> Scene:
     return scene_from_mapping(read_yaml(text, str(path)), source=str(path), folder=file.parent)
 
 
-def scene_from_mapping(mapping: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
+def scene_from_mapping(mapping: Mapping[str, object], source: str = "scene", folder: Path | None = None) -> Scene:
     """Check and return the scene in `mapping`; `source` names it in errors, relative paths start from `folder`."""
     if not isinstance(mapping, Mapping):
         wanted = ", ".join(Scene.model_fields)

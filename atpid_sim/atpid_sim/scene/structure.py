@@ -6,22 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, TypeGuard
+from typing import Annotated, ClassVar, TypeGuard
 
 from pydantic import Field, model_validator
 
-from atpid_sim.fields import (
-    Damping,
-    Fraction,
-    Length,
-    Mass,
-    Number,
-    SceneBlock,
-    Stiffness,
-    Words,
-    impossible,
-    within,
-)  # fmt: skip
+from atpid_sim.fields import Damping, Fraction, Length, Mass, Number, SceneBlock, Stiffness, Words, impossible, within
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.
@@ -42,7 +31,7 @@ class Beam(SceneBlock):
 
     @model_validator(mode="before")
     @classmethod
-    def _in_newtons(cls, given: Any) -> Any:
+    def _in_newtons(cls, given: object) -> object:
         """Return the block with stiffness and damping in place of frequency and damping ratio.
 
         Where the mass is no number, which is reported, any stiffness will do.
@@ -73,11 +62,11 @@ class Beam(SceneBlock):
         return self
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _number(key: str, value: Any, low: float, high: float) -> float:
+def _number(key: str, value: object, low: float, high: float) -> float:
     if not _is_number(value) or not low <= value <= high:
         raise impossible(key, value, f"from {low:g} to {high:g}")
     return float(value)
@@ -104,7 +93,7 @@ class Grain(SceneBlock):
 
     @model_validator(mode="before")
     @classmethod
-    def _alone(cls, given: Any) -> Any:
+    def _alone(cls, given: object) -> object:
         if isinstance(given, Mapping) and "count" in given:
             allowed = "one grain: grains that touch each other are left out"
             raise impossible("count", given["count"], allowed)

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 
 
 class SceneError(InputError):
@@ -46,7 +47,7 @@ class _Loader(_Safe):  # type: ignore[misc]
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own attribute)
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
         seen: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
@@ -54,7 +55,7 @@ class _Loader(_Safe):  # type: ignore[misc]
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} appears twice", key.start_mark)
             seen.add(key.value)
-        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        mapping: dict[Hashable, object] = super().construct_mapping(node, deep)
         return mapping
 
 
@@ -119,7 +120,7 @@ def _values(node: yaml.Node, known: dict[int, int]) -> int:
     return count
 
 
-def write_yaml(mapping: dict[str, Any]) -> str:
+def write_yaml(mapping: Document) -> str:
     """Return `mapping` as YAML text that YAML 1.1 and 1.2 readers understand alike."""
     text: str = yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=120)
     return text

@@ -22,6 +22,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from atpid_common.errors import InputError, extras
+from atpid_common.files import Document
 
 Job = TypeVar("Job", bound=Hashable)
 Answer = TypeVar("Answer")
@@ -53,25 +54,12 @@ class Batch(Generic[Job, Answer]):
     jobs: Sequence[Job]
     processes: bool = False
 
-    def computed(self, workers: Workers = HERE) -> Generator[tuple[Job, Answer], None, None]:
-        """Yield (job, answer) as they come, in any order; the first error ends the rest and is raised.
+    def run(
+        self, workers: Workers = HERE, progress: Progress | None = None, record: Record[Job, Answer] | None = None
+    ) -> list[Answer]:
+        """Return the answers in the order of the jobs; the first error ends the rest and is raised.
 
         Each worker takes the next job when it has done one: long jobs hold up no short ones. Raises ClusterError.
-        """
-        if workers.cluster is not None:
-            return on_cluster(workers.cluster, self.work, self.jobs)
-        if self.processes:
-            return _in_processes(self.work, self.jobs, workers.count)
-        return on_all_cores(self.work, self.jobs, workers.count)
-
-    def run(
-        self,
-        workers: Workers = HERE,
-        progress: Progress | None = None,
-        record: Record[Job, Answer] | None = None,
-    ) -> list[Answer]:
-        """Return the answers in the order of the jobs; raises as `computed`.
-
         record: the journal of what is done. A run that was killed goes on where it stopped; the journal is removed by
         `record.finish()`, once the caller has written what it makes of the answers. Ctrl-C ends the run with one line.
         """
@@ -82,19 +70,22 @@ class Batch(Generic[Job, Answer]):
                 journal = None
                 if record is not None:
                     journal = ends.enter_context(closing(Journal(record.path, record.purpose)))
-                    done = {job: record.back(journal.points[key]) for job in self.jobs
-                            if (key := record.key(job)) in journal.points}  # fmt: skip
+                    kept = {job: journal.points.get(record.key(job)) for job in self.jobs}
+                    done = {job: record.back(answer) for job, answer in kept.items() if answer is not None}
                 report(len(done))
                 missing = [job for job in self.jobs if job not in done]
-                computed = Batch(self.work, missing, self.processes).computed(workers)
+                if workers.cluster is not None:
+                    computed = _on_cluster(workers.cluster, self.work, missing)
+                else:
+                    computed = (_in_processes if self.processes else on_all_cores)(self.work, missing, workers.count)
                 for job, answer in ends.enter_context(closing(computed)):
                     done[job] = answer
                     if record is not None and journal is not None:
                         journal.record(record.key(job), record.plain(answer))
                     report(len(done))
         except KeyboardInterrupt:
-            kept = "" if record is None else f"; the same command goes on from them, kept in {record.path}"
-            raise KeyboardInterrupt(f"interrupted: {len(done)} of {len(self.jobs)} done{kept}") from None
+            again = "" if record is None else f"; the same command goes on from them, kept in {record.path}"
+            raise KeyboardInterrupt(f"interrupted: {len(done)} of {len(self.jobs)} done{again}") from None
         return [done[job] for job in self.jobs]
 
 
@@ -175,7 +166,7 @@ class ClusterError(InputError):
     """A cluster that cannot be used; one line."""
 
 
-def on_cluster(
+def _on_cluster(
     address: str, work: Callable[[Job], Answer], jobs: Iterable[Job]
 ) -> Generator[tuple[Job, Answer], None, None]:
     """Yield (job, answer of `work`) as the workers of the scheduler at `address` deliver them.
@@ -217,7 +208,7 @@ async def _greeted(distributed: Any, address: str) -> None:
 
 
 #: Which job it is, in numbers and words; of a map: mass fraction [-], amplitude [m].
-Point = tuple[Any, ...]
+Point = tuple[object, ...]
 
 #: Size of a journal at most [bytes]: a map of 100 000 amplitudes has 30 MB.
 _MOST_BYTES = 500_000_000
@@ -232,10 +223,10 @@ class Record(Generic[Job, Answer]):
     """What a batch keeps of its answers, and where."""
 
     path: Path
-    purpose: Mapping[str, Any]  # first line of the file: another system or other settings are refused
+    purpose: Mapping[str, object]  # first line of the file: another system or other settings are refused
     key: Callable[[Job], Point]
-    plain: Callable[[Answer], Mapping[str, Any]]  # to what JSON has
-    back: Callable[[Mapping[str, Any]], Answer]
+    plain: Callable[[Answer], Mapping[str, object]]  # to what JSON has
+    back: Callable[[Document], Answer]
 
     def finish(self) -> None:
         """Remove the journal: what the answers are for is written."""
@@ -253,17 +244,17 @@ class Journal:
     An incomplete last line is dropped.
     """
 
-    def __init__(self, path: Path, purpose: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, purpose: Mapping[str, object]) -> None:
         """Open or begin a journal; raise JournalError where it is another's, in use or cannot be written."""
         self.path = path
-        self.points: dict[Point, dict[str, Any]] = {}
+        self.points: dict[Point, Document] = {}
         try:
             self._file = self.path.open("a+b")
         except OSError as error:
             raise JournalError(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._resume(dict(purpose))
+            self._resume(purpose)
         except OSError:
             self.close()
             problem = f"{self.path}: another run is writing it"
@@ -276,11 +267,11 @@ class Journal:
         """Close the file, which stays for the next attempt."""
         self._file.close()
 
-    def record(self, point: Point, values: Mapping[str, Any]) -> None:
+    def record(self, point: Point, values: Mapping[str, object]) -> None:
         """Put one answer on the disk."""
         self._append({"point": list(point), **values})
 
-    def _resume(self, purpose: dict[str, Any]) -> None:
+    def _resume(self, purpose: Mapping[str, object]) -> None:
         self._file.seek(0)
         if os.fstat(self._file.fileno()).st_size > _MOST_BYTES:
             raise JournalError(f"{self.path}: is no journal of this command; remove it or choose another --out")
@@ -291,14 +282,14 @@ class Journal:
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             problem = f"{self.path}: is no journal of this command"
             raise JournalError(f"{problem}; remove it or choose another --out") from None
-        if lines and first != json.loads(json.dumps(purpose)):
+        if lines and first != json.loads(json.dumps(dict(purpose))):
             raise JournalError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
         self._file.truncate(len(whole) + 1 if whole else 0)  # only now: until here it may be another's file
         self.points.update(rest)
         if not lines:
-            self._append(purpose)
+            self._append(dict(purpose))
 
-    def _append(self, line: Mapping[str, Any]) -> None:
+    def _append(self, line: Document) -> None:
         try:
             self._file.write(json.dumps(line, default=_plain).encode() + b"\n")
             self._file.flush()
@@ -312,14 +303,14 @@ class Journal:
             ) from None
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return numbers of numpy as Python's; raise TypeError for what JSON has not."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} is not for a journal")
 
 
-def _point(line: bytes) -> tuple[Point, dict[str, Any]]:
+def _point(line: bytes) -> tuple[Point, Document]:
     """Return which job a line is of and its answer; raise ValueError, TypeError or KeyError for another line."""
     values = dict(json.loads(line))
     point = values.pop("point")

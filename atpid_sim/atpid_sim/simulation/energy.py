@@ -63,8 +63,7 @@ def stored_energy(system: System, state: State, support: float) -> float:
     The energy of a contact is not in it (see `contact_energy`).
     """
     y = state.y
-    beam, velocity, grain, grain_velocity = y[[columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN,
-                                               columns.GRAIN_VELOCITY]]  # fmt: skip
+    beam, velocity, grain, grain_velocity = y[columns.BEAM : columns.GRAIN_VELOCITY + 1]
     if system.modes is not None:
         modes, states = structure_of(system, held=False), _mode_states(y, system.modes.shape[1])
         q, rate = states[:, columns.Q], states[:, columns.Q_RATE]

@@ -127,11 +127,9 @@ def _tones(scene: Scene, excitation: TonesExcitation) -> list[tuple[float, float
 
 def _random_rows(scene: Scene, random: Random) -> Array:
     """Return the rows of a random motion; what is compared with its density is what that is of."""
-    return signals.random_rows(
-        random.displacement_psd, scene.duration, random.rise_in(scene.duration),
-        (scene.seed if random.seed is None else random.seed, _STREAM), "excitation.random",
-        checked_derivative=0 if random.unit == "m^2/Hz" else 2,
-    )  # fmt: skip
+    seed, rise = scene.seed if random.seed is None else random.seed, random.rise_in(scene.duration)
+    density, derivative = random.displacement_psd, 0 if random.unit == "m^2/Hz" else 2
+    return signals.random_rows(density, scene.duration, rise, (seed, _STREAM), "excitation.random", derivative)
 
 
 def _shock_rows(scene: Scene, shock: Shock) -> Array:
@@ -155,16 +153,11 @@ def _moving_rows(scene: Scene) -> Array:
     """Return the rows of a tone whose frequency moves along straight ramps, its phase without a jump."""
     amplitudes, frequencies = scene.excitation.amplitude_points, frequency_points(scene)
     kinks = {t for t, _ in (*amplitudes, *frequencies) if 0.0 < t < scene.duration}
-    return _joined(
-        [
-            _Piece(
-                begin, end, (_along(frequencies, begin), _along(frequencies, end)),
-                (_along(amplitudes, begin), _along(amplitudes, end)),
-            )
-            for begin, end in pairwise(sorted({0.0, scene.duration, *kinks}))
-        ],
-        "excitation.frequency",
-    )  # fmt: skip
+    pieces = []
+    for begin, end in pairwise(sorted({0.0, scene.duration, *kinks})):
+        tones, sizes = ((_along(points, begin), _along(points, end)) for points in (frequencies, amplitudes))
+        pieces.append(_Piece(begin, end, tones, sizes))
+    return _joined(pieces, "excitation.frequency")
 
 
 class _Piece(NamedTuple):

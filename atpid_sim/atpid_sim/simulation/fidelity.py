@@ -21,7 +21,7 @@ from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.root import root
-from atpid_sim.scene import Scene
+from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.integration import FIDELITIES, is_closed, undamped_amplitude
 from atpid_sim.system import reduced_mass
@@ -59,7 +59,7 @@ def choose(
     """Return the fidelity level for a scene; `auto` is the cheapest that meets the scene's tolerance.
 
     stays_closed: whether the ceiling stays closed, by default as the scene has it; simplified is only considered where
-    it does. undamped: amplitude of the closed damper [m], computed where it is not given and needed. Raises ValueError
+    it does. undamped: amplitude of the closed damper [m], computed where it is not given and needed. Raises SceneError
     for an unknown name.
     """
     if fidelity == "auto" and scene.modes is not None and not is_closed(scene):
@@ -76,7 +76,7 @@ def choose(
                 return choice
         return _described(scene, "soft", undamped)
     if fidelity not in FIDELITIES:
-        raise ValueError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
+        raise SceneError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
     return _described(scene, fidelity, undamped)
 
 
@@ -110,11 +110,14 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
-    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
-    if not scene.excitation.is_tone or scene.frequency_moves:
-        more *= _UNSTEADY_FACTOR
     speed = 2.0 * math.pi * scene.frequency_hz * amplitude
-    return min(1.0, more * _IMPACT_ERROR * _depth(scene, speed) / amplitude)
+    return min(1.0, _times(scene) * _IMPACT_ERROR * _depth(scene, speed) / amplitude)
+
+
+def _times(scene: Scene) -> float:
+    """Return how many times as large errors are as those of a steady motion with a light grain."""
+    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
+    return more if scene.excitation.is_tone and not scene.frequency_moves else more * _UNSTEADY_FACTOR
 
 
 def finite_error(scene: Scene, undamped: float | None = None, held: float | None = None) -> float:
@@ -130,13 +133,12 @@ def _finite_physics(scene: Scene, undamped: float | None, held: float | None = N
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
-    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
-    if not scene.excitation.is_tone or scene.frequency_moves:
-        more *= _UNSTEADY_FACTOR
     pace = 2.0 * math.pi * max(scene.frequency_hz, scene.natural_frequency_hz)
     share = pace * _depth(scene, pace * amplitude) / (pace * amplitude)
     held = _held_share(scene) if held is None else held
-    return min(1.0, more * _FINITE_ERROR * share**3 + (held * held_error(scene, amplitude) if held > 0.0 else 0.0))
+    return min(
+        1.0, _times(scene) * _FINITE_ERROR * share**3 + (held * held_error(scene, amplitude) if held > 0.0 else 0.0)
+    )
 
 
 def judged_errors(scene: Scene, choice: Choice, undamped: float | None = None) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, pass_sections
-from atpid_sim.engine.sections import Sections, sections_of
+from atpid_sim.engine.sections import sections_of
 from atpid_sim.engine.state import State
-from atpid_sim.kernel_inputs import Contact, contact_of, system_of
+from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.modal import coupling, resting, static_response
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.scene import Scene
+from atpid_sim.scene import Scene, SceneError
 from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of
@@ -32,7 +32,7 @@ FIDELITIES = ("simplified", "impact", "finite", "soft")
 #: Columns of the drive table that are proportional to the support's motion.
 SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C3]
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
-LOOSEST = 0.1
+_LOOSEST = 0.1
 #: Residual of the energy ledger from which a run must not be used.
 OPEN = 0.1
 #: The integrator's relative tolerance is this share of the amplitude error asked for (docs/research/tradeoff.md).
@@ -96,36 +96,29 @@ class Integration:
         rtol: relative tolerance of the integrator, by default that of the scene (`rtol_of`). mass: what moves at the
         fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. table: that
         of the whole scene, where the caller has it already. start: state in which the run goes on, by default that of
-        the scene at time zero. Raises ValueError for an unknown fidelity, a tolerance out
-        of range, or fidelity soft and a law without a force.
+        the scene at time zero. Raises SceneError for an unknown fidelity, a tolerance out of range, or fidelity soft
+        and a law without a force.
         """
         self.scene = scene
-        self.system: System = system_of(scene)
-        self.contact: Contact = contact_of(scene)
-        self.sections: Sections = sections_of(0 if self.system.modes is None else self.system.modes.shape[1])
+        self.system, self.contact = system_of(scene), contact_of(scene)
+        self.sections = sections_of(0 if self.system.modes is None else self.system.modes.shape[1])
         self._set_level(fidelity, rtol_of(scene) if rtol is None else float(rtol))
         self._table, self._start = table, start
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
-        tones = (
-            frequency_at(scene, 0.0),
-            frequency_at(scene, scene.duration),
-            *(f for _, f in frequency_points(scene)),
-        )
-        #: Highest frequency of beam and drive [Hz].
-        self._fastest = max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])
+        ends = frequency_at(scene, 0.0), frequency_at(scene, scene.duration)
+        tones = [f for f in (*ends, *(f for _, f in frequency_points(scene))) if math.isfinite(f)]
+        self._fastest = max(scene.natural_frequency_hz, *tones)  # of beam and drive [Hz]
 
     def _set_level(self, fidelity: str, rtol: float) -> None:
         if fidelity not in FIDELITIES:
-            raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
-        if not 0.0 < rtol <= LOOSEST:
-            raise ValueError(f"rtol: given {rtol:g}; allowed: above 0 and at most {LOOSEST:g}")
+            raise SceneError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
+        if not 0.0 < rtol <= _LOOSEST:
+            raise SceneError(f"rtol: given {rtol:g}; allowed: above 0 and at most {_LOOSEST:g}")
         if fidelity in ("finite", "soft") and self.contact.law == IMPACT:
-            raise ValueError(
-                f"fidelity {fidelity}: the contact law impact has no force to integrate; "
-                "use fidelity impact, or another law"
-            )
+            without = "the contact law impact has no force to integrate"
+            raise SceneError(f"fidelity {fidelity}: {without}; use fidelity impact, or another law")
         if fidelity == "impact" and self.scene.modes is not None and coupling(self.scene.modes) > _MOST_COUPLED:
-            raise ValueError(
+            raise SceneError(
                 "fidelity impact: the damping of the modes couples them while the grain is held, by "
                 f"{coupling(self.scene.modes):.2g} of what keeps them apart; allowed: at most {_MOST_COUPLED:g}; "
                 "use fidelity soft and a contact law with a force"
@@ -220,17 +213,9 @@ class Integration:
 
         limit: steps it may take, by default as many as its duration allows.
         """
-        if limit is None:
-            limit = self._limit(table)
-        law, parameters = self.contact
-        seen = observation
-        return Outcome(
-            integrate(
-                self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, state.y, state.n,
-                seen.window, (seen.first, seen.period), seen.samples, seen.impacts, limit,
-                self._contacts,
-            )
-        )  # fmt: skip
+        window, first, period, samples, impacts = observation
+        most, y, n = self._limit(table) if limit is None else limit, state.y, state.n
+        return Outcome(integrate(self.kernel_inputs, table, y, n, window, (first, period), samples, impacts, most))
 
     def advance_whole(self, state: State, table: Array, observation: Observation = NO_OBSERVATION) -> None:
         """Advance a state in place as `advance` does; raise NumericalFailure where it does not reach the end."""
@@ -245,12 +230,7 @@ class Integration:
         has to fly at the end. One call of compiled code.
         """
         after = np.empty((count, sections.shape[1]))
-        law, parameters = self.contact
-        limit = self._limit(table)
-        done, ended = pass_sections(
-            self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, self.sections, sections, after,
-            limit, self._contacts,
-        )  # fmt: skip
+        done, ended = pass_sections(self.kernel_inputs, table, self.sections, sections, after, self._limit(table))
         if done == count:
             return after, ""
         grounded = "the grain is in contact at the phase of the section"
@@ -290,17 +270,17 @@ def failure_at(outcome: Outcome, state: State) -> str:
 
 def rtol_of(scene: Scene) -> float:
     """Return the relative tolerance at which the integrator meets the amplitude error that a scene asks for."""
-    return min(_TOLERANCE_SHARE * scene.tolerance, LOOSEST)
+    return min(_TOLERANCE_SHARE * scene.tolerance, _LOOSEST)
 
 
 def is_closed(scene: Scene) -> bool:
     """Return whether the ceiling holds the grain during the whole run."""
-    return bool(holds_grain(scene, max(height for _, height in scene.ceiling.heights)))
+    return max(height for _, height in scene.ceiling.heights) <= closed_up_to(scene)
 
 
-def holds_grain(scene: Scene, highest: float | Array) -> Any:
-    """Return whether a ceiling holds the grain that is never higher than `highest` (...) [m]."""
-    return highest <= 2.0 * scene.grain.radius * (1.0 + 1e-9)
+def closed_up_to(scene: Scene) -> float:
+    """Return the height up to which a ceiling holds the grain [m]."""
+    return 2.0 * scene.grain.radius * (1.0 + 1e-9)
 
 
 def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
@@ -316,9 +296,13 @@ def negligible_displacement(scene: Scene) -> float:
 
 def undamped_amplitude(scene: Scene, table: Array | None = None) -> float:
     """Return the half peak-to-peak of the closed damper in the steady window [m]: beam and grain as one mass."""
-    closed = Integration(scene, "simplified", mass=scene.total_mass)
-    state = closed.initial_state()
-    closed.advance(state, closed.table if table is None else table, Observation(scene.steady_window))
+    return _linear_amplitude(Integration(scene, "simplified", mass=scene.total_mass, table=table))
+
+
+def _linear_amplitude(one_mass: Integration) -> float:
+    """Return the half peak-to-peak of one mass in the steady window [m]."""
+    state = one_mass.initial_state()
+    one_mass.advance(state, one_mass.table, Observation(one_mass.scene.steady_window))
     return state.amplitude
 
 
@@ -327,14 +311,10 @@ def amplitude_without_damper(scene: Scene) -> float:
 
     In closed form where a tone is constant there, else of a run that begins at rest; NaN for a free decay.
     """
-    beam, window = scene.beam, scene.steady_window
     if scene.excitation.is_free:
         return math.nan
-    tone = [{of(scene, t) for t in window} for of in (amplitude_at, frequency_at)]
+    tone = [{of(scene, t) for t in scene.steady_window} for of in (amplitude_at, frequency_at)]
     if scene.excitation.is_tone and all(len(values) == 1 for values in tone):
         return scene.linear_amplitude(*(values.pop() for values in tone), grain=False)
     without = scene.with_(gravity=0.0, initial=None)  # at rest at first, where a smaller mass hangs higher
-    bare = Integration(without, "simplified", mass=beam.mass)
-    state = bare.initial_state()
-    bare.advance(state, bare.table, Observation(window))
-    return state.amplitude
+    return _linear_amplitude(Integration(without, "simplified", mass=scene.beam.mass))

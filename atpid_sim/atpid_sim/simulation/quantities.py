@@ -78,11 +78,8 @@ def peaks(displacement: Array) -> Array:
 
 def largest_decrement(displacement: Array) -> float:
     """Return the largest ratio of successive upper peaks [-]; NaN where there are fewer than two."""
-    found = peaks(displacement)
-    if len(found) < 2:
-        return math.nan
-    found = found[found > _SMALLEST * found[0]]
-    return float(np.max(found[:-1] / found[1:])) if len(found) > 1 else math.nan
+    found = decrements(displacement)
+    return float(np.max(found)) if len(found) else math.nan
 
 
 def decrements(displacement: Array) -> Array:

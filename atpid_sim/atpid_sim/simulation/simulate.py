@@ -6,17 +6,17 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_common.output import finite
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.results import Drawn, Labelled, in_unit, named_impacts
+from atpid_sim.results import Drawn, Labelled, Rows, in_unit, named_impacts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.fidelity import Choice, choose, judged_errors, require_shallow
@@ -99,13 +99,12 @@ class Result(Labelled):
     labels = (
         in_unit("m", "amplitude undamped_amplitude bare_amplitude spread rms rms_error undamped_rms bare_rms")
         | in_unit("m", "support_rms deflection undamped_deflection bare_deflection")
-        | in_unit("m/s^2", "support_acceleration_rms")
-        | in_unit("Hz", "resonance") | in_unit("s", "wall_s")
-    )  # fmt: skip
+        | {"support_acceleration_rms": ("m/s^2", ""), "resonance": ("Hz", ""), "wall_s": ("s", "")}
+    )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return plain numbers and text; NaN as None."""
-        plain: dict[str, Any] = finite(asdict(self))
+        plain: Document = finite(asdict(self))
         return plain
 
 
@@ -120,15 +119,14 @@ class Trajectory(Drawn):
     beam_acceleration: Array
     grain: Array
     ceiling: Array
-    impacts: NDArray[Any]  # with the columns of `results.IMPACT`
+    impacts: Rows  # with the columns of `results.IMPACT`
     support_unit: str = "m"  # N: of a force that drives instead
 
     labels = (
-        in_unit("s", "time", "time") | in_unit("m", "beam grain ceiling", "time")
-        | in_unit("support_unit", "support", "time")
-        | in_unit("m/s", "beam_velocity", "time") | in_unit("m/s^2", "beam_acceleration", "time")
-        | in_unit("", "impacts", "impact")
-    )  # fmt: skip
+        {"time": ("s", "time"), "support": ("support_unit", "time"), "beam_velocity": ("m/s", "time")}
+        | {"beam_acceleration": ("m/s^2", "time"), "impacts": ("", "impact")}
+        | in_unit("m", "beam grain ceiling", "time")
+    )
     drawn = ("beam", "grain")
 
 
@@ -158,6 +156,7 @@ def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, ch
     amplitude, last = run.last.amplitude, run.last
     reduction = efficiency(amplitude, bare)
     measures = measures_of(scene, table, run.samples) if scene.excitation.kind in _NEVER_REPEATING else {}
+    worse = worse_than_without(measures.get("reduction_rms", reduction))
     verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else UNCHECKED
     return Result(
         amplitude=amplitude,
@@ -182,11 +181,10 @@ def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, ch
         resonance=scene.natural_frequency_hz,
         bare_amplitude=bare,
         reduction=reduction,
-        warnings=(*scene.warnings(), *worse_than_without(measures.get("reduction_rms", reduction)),
-                  *few_samples(measures)),
+        warnings=(*scene.warnings(), *worse, *few_samples(measures)),
         **measures,
         **_decay(scene, choice.fidelity, integration.rtol),
-    )  # fmt: skip
+    )
 
 
 def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: int, undamped: float) -> Verdict:
@@ -299,10 +297,8 @@ def verdicts(scene: Scene, windows: Sequence[tuple[float, float]], fidelity: str
     found: list[Verdict | None] = []
     state, done = Integration(scene, level, table=table).initial_state(), 0.0
     for begin, end in windows:
-        part = Integration(
-            scene.with_(duration=end, steady_window=[begin, end]), level,
-            table=drive.between(table, done, end), start=state,
-        )  # fmt: skip
+        whole, rows = scene.with_(duration=end, steady_window=[begin, end]), drive.between(table, done, end)
+        part = Integration(whole, level, table=rows, start=state)
         state = part.initial_state()
         outcome = part.advance(state, part.table, Observation((begin, end)), part.step_limit)
         if outcome != Outcome.DONE:

@@ -15,6 +15,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+import atpid_sim
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
 from atpid_common.files import Document, FileError, read_text
@@ -22,7 +23,6 @@ from atpid_design.make import Design, design, steps_of
 from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of, scene_of
 from atpid_sim.display import counting
 from atpid_sim.fields import SceneBlock
-from atpid_sim.periodic.basin import Starts, basin
 from atpid_sim.scene.scene import explained
 from atpid_sim.scene.structure import Beam, FurtherMode
 from atpid_sim.scene.yaml12 import read_yaml
@@ -197,11 +197,13 @@ def comes_back(made: Design) -> str:
 
     At each amplitude of the design, at its height. Raises NumericalFailure.
     """
-    scenes = (
+    if not hasattr(atpid_sim, "kicked"):
+        return "not tried: comes with the package atpid_dynamics, which is not installed: `make setup`"
+    scenes = [
         scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency)
         for one in made.points
-    )
-    found = [basin(scene, Starts(KICK)) for scene in scenes]
+    ]
+    found = [atpid_sim.kicked(scene, KICK) for scene in scenes]
     come = [one for one in found if one.starts]
     none = f"no steady motion at {len(found) - len(come)} of {len(found)} amplitudes" if len(come) < len(found) else ""
     if not come:

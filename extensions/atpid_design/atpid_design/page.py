@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from atpid_control.views.report.stages import per_cent
-from atpid_control.views.static_page import drawn, rendered
+from atpid_control.views.static_page import document, drawn, filled
 from atpid_design import motor
 from atpid_design.make import Design
 from atpid_design.picture import mass, panels, sketch
@@ -14,6 +14,15 @@ from atpid_design.problem import STANDARD_GRAVITY, Problem, Uncertainty
 from atpid_design.tuned_mass import MassRow
 from atpid_design.worst_case import Interval, Point
 
+_CSS = """
+.sketch{max-width:560px;width:100%;font:18px var(--sans)} .sketch text{fill:var(--ink)}
+.sketch path{fill:none;stroke:var(--muted)}
+.sketch .wall{stroke:var(--ink);stroke-width:2.5} .sketch .ceiling{stroke:var(--own);stroke-width:3}
+.sketch .closed{stroke-dasharray:4 4}
+.sketch circle{fill:var(--soft);stroke:var(--own)}
+h1 { max-width: 32em; } .tiles { grid-template-columns: repeat(auto-fit, minmax(280px, 1fr)); }
+ol.events li { grid-template-columns: 10px 1fr; }
+"""
 #: A row of a table: its cells by their heads, each a text, or one with what stands beneath it.
 Row = dict[str, str | tuple[str, str]]
 
@@ -28,16 +37,21 @@ def page(made: Design) -> str:
         "tone": tone(made),
         "tiles": _tiles(made),
         "panels": drawn(panels(made)),
-        "promise": promise(made),
-        "grains": _grains(made),
+        "promise": _table(promise(made)),
+        "grains": _table(_grains(made)),
         "sketch": sketch(made),
         "verdict": verdict(made.tuned_mass.rows),
-        "beside": _beside(made),
+        "beside": _table(_beside(made)),
         "uncertain": Uncertainty.model_fields.items(),
         "mass": mass,
         "motor": motor,
     }
-    return rendered("design.html", __package__, names)
+    return document(headline(made), [filled("design.html", __package__, names)], _CSS)
+
+
+def _table(rows: list[Row]) -> tuple[list[str], list[list[str | tuple[str, str]]]]:
+    """Return the heads and the cells of a table."""
+    return list(rows[0]), [list(row.values()) for row in rows]
 
 
 def headline(made: Design) -> str:

@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import atpid_sim as ap
 from atpid_design import problem as parts
 from atpid_design.check import Check, interval_at, widened
 from atpid_design.command import KICK, comes_back
@@ -35,7 +36,6 @@ from atpid_sim.contact import tsuji
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.modal import bare_amplitude
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.basin import Starts, basin
 from atpid_sim.robust import Response, adverse, corners, inside
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.system import System, reduced_mass
@@ -426,7 +426,7 @@ def designed(*points: tuple[float, float]) -> Design:
 def test_the_least_share_of_kicks_that_come_back_is_stated_and_motions_that_are_not_steady_are_named() -> None:
     # support and height [m]: the grain held; a motion beside another one; an irregular one
     held, bistable, irregular = (1e-3, 0.0594), (1e-3, 0.08), (3e-3, 0.1094)
-    found = basin(scene_of(designed().problem, 0.3, *bistable, frequency=12.55), Starts(KICK))
+    found = ap.kicked(scene_of(designed().problem, 0.3, *bistable, frequency=12.55), KICK)
     assert 0.9 < found.share < 1.0
     numbers = [f"{100 * value:.1f}" for value in (found.share, found.low, found.high)]
     assert re.findall(r"[\d.]+", comes_back(designed(held, bistable)))[:5] == [*numbers, "0.1", "1"]

@@ -13,7 +13,7 @@ from page_visit import visited
 from test_figures import differences, numbers_in
 
 from atpid_control.cli import main
-from atpid_control.views.report import report
+from atpid_control.views.report.page import report
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -107,7 +107,7 @@ def test_the_bench_keeps_the_promise_at_every_stage(folder: Path, made: Any, tmp
 def test_pages_are_accessible_and_whole_on_every_screen_and_a_name_on_a_curve_is_found(
     folder: Path, tmp_path: Path
 ) -> None:
-    page = report(BAG, tmp_path / "report").page
+    page = report(BAG, tmp_path / "report")
     for arguments in (["analyse", BAG], ["compare", BAG, ROOT / "bags/rumble"], ["validate", BAG]):
         assert main(["bag", *map(str, arguments), "--out", str(tmp_path / str(arguments[0]))]) == 0
     found = visited(folder / "design.html", page, *tmp_path.glob("*/[ab]*.html"))

@@ -11,7 +11,7 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.row_loop import integrate_alike
 from atpid_sim.engine.state import State
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.integration import Integration, drive_table, holds_grain
+from atpid_sim.simulation.integration import Integration, closed_up_to, drive_table
 from atpid_sim.system import Array
 
 
@@ -64,16 +64,14 @@ def ends_alike(
     first `common` rows end, and period [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
     """
     count, scene = len(tables), integration.scene
-    fidelity, system, _, law, parameters, rtol, contacts = integration.kernel_inputs
     y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))
     ends = tables[:, :, columns.HEIGHT] + tables[:, :, columns.CEILING_VELOCITY] * (
         tables[:, :, columns.END] - tables[:, :, columns.START]
     )
     highest = np.maximum(tables[:, :, columns.HEIGHT], ends).max(axis=1)
-    masses = np.where(holds_grain(scene, highest), scene.total_mass, scene.beam.mass)
+    masses = np.where(highest <= closed_up_to(scene), scene.total_mass, scene.beam.mass)
     outcomes = np.zeros(count, dtype=np.int64)
     series = np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series
-    alike, runs = common if (masses == masses[0]).all() else 0, (system, masses, law, parameters, rtol, y, n)
-    seen = scene.steady_window, sampling, series
-    integrate_alike(fidelity, tables, alike, *runs, *seen, integration.step_limit, contacts, outcomes)
+    alike, window, limit = common if (masses == masses[0]).all() else 0, scene.steady_window, integration.step_limit
+    integrate_alike(integration.kernel_inputs, tables, alike, masses, y, n, window, sampling, series, limit, outcomes)
     return y, n, outcomes

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common.files import Document
-from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
+from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged, judged_calibration
 from atpid_control.stand.parts import EXCITER, AddedPart, Part
 from atpid_exciter.excitation import ExcitationSettings, drive_of
 from atpid_sim.scene import Scene
@@ -60,7 +60,6 @@ PART = AddedPart(
 def exciter(at: Subject) -> Iterator[Finding]:
     """Check the exciter's settings, its calibration, and its device, which is opened, its output off, and closed."""
     # here: a bench does not need them
-    from atpid_control.stand.calibration_findings import judged_calibration
     from atpid_driver.calibration.model import shipped_calibrations
     from atpid_exciter.excitation.outlets import calibration_of
 

@@ -42,14 +42,14 @@ def test_every_reader_sees_the_same(name: str, tmp_path: Path, monkeypatch: pyte
     assert set(run.missing) <= set(missing)
 
     without_repetition(monkeypatch)
-    view = view_of(run, closed=lambda _scene, times: np.sin(times))
+    monkeypatch.setattr("atpid_control.views.report.stages.closed_by_simulation", lambda _scene, times: np.sin(times))
+    view = view_of(run)
     np.testing.assert_array_equal(run.measured.beam, beam.values)
     np.testing.assert_array_equal(run.measured.time, beam.time)
     on_the_page = analysis_of(view.run)
     assert on_the_page is not None
     assert on_the_page.to_json() == analyse(signals).to_json()
 
-    monkeypatch.setattr(compare, "view_of", lambda one: view_of(one, closed=lambda _scene, times: np.sin(times)))
     compared = compare.compare_bags(bag, bag)
     agrees(compared.runs[0].signals)
     assert compared.to_json()["origin"] == ["laser", "laser"]

@@ -4,8 +4,9 @@
 
 import signal
 import sys
+from argparse import Action
+from itertools import starmap
 from pathlib import Path
-from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
@@ -13,18 +14,17 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.events.process import ProcessExited
 
 from atpid_common.errors import AtpidError
-from atpid_control.stand.launching.options import Argument, arguments_of, check_names, is_asked_for, words_of
+from atpid_control.stand.launching.options import arguments_of, check_names, default_of, is_asked_for, words_of
 
-PACKAGE = "atpid_control"
 #: The command begins with signals blocked, so that Ctrl-C while Python starts is neither lost nor a traceback, and is
 #: sent SIGTERM where its launch dies; it then stops the nodes in order.
-START = ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", "setpriv", "--pdeathsig", "TERM"]
+_START = ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", "setpriv", "--pdeathsig", "TERM"]
 #: How long it may take to end after SIGINT before it is sent SIGTERM, which a stop under way ignores, and then to stop
 #: its nodes one after the other and to make its report before it is killed [s].
-SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 300.0
+_SIGTERM_TIMEOUT, _SIGKILL_TIMEOUT = 5.0, 300.0
 
 
-class CommandEndedError(AtpidError):
+class _CommandEndedError(AtpidError):
     """The command of a launch file that another one includes has ended with another status than 0."""
 
 
@@ -33,14 +33,13 @@ def describe(launch_file: str) -> LaunchDescription:
     file = Path(launch_file)
     command = file.name.partition(".")[0]
     starting = OpaqueFunction(function=_start, args=[file, command])
-    return LaunchDescription([*map(_declared, arguments_of(command)), starting])
+    return LaunchDescription([*starmap(_declared, arguments_of(command).items()), starting])
 
 
-def _declared(argument: Argument) -> DeclareLaunchArgument:
-    choices = ["", *argument.choices] if argument.choices else None
-    return DeclareLaunchArgument(
-        argument.name, default_value=argument.default, description=argument.description, choices=choices
-    )
+def _declared(name: str, option: Action) -> DeclareLaunchArgument:
+    default, choices = default_of(option), ["", *option.choices] if option.choices else None
+    text = str(option.help) % {"default": default}
+    return DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
 
 
 def _start(context: LaunchContext, file: Path, command: str) -> list[ExecuteProcess]:
@@ -50,24 +49,18 @@ def _start(context: LaunchContext, file: Path, command: str) -> list[ExecuteProc
     given = dict(context.launch_configurations)
     alone = is_asked_for(file, sys.argv[1:])
     if alone:
-        check_names(command, [word.partition(":=")[0] for word in context.argv])
+        check_names(command, (word.partition(":=")[0] for word in context.argv))
     elif not given.get("namespace"):  # that of the group in which the other file includes this one
         given["namespace"] = given.get("ros_namespace", "")
-    program = Path(get_package_prefix(PACKAGE)) / "bin" / "atpid"
+    program = str(Path(get_package_prefix("atpid_control")) / "bin" / "atpid")
 
-    def end(event: ProcessExited, _context: LaunchContext) -> Any:
+    def end(event: ProcessExited, _context: LaunchContext) -> Shutdown:
         if alone:  # there is nothing else to end; `launch` itself has no way to end with a status of one's own
             raise SystemExit(event.returncode)
         if event.returncode:
-            raise CommandEndedError(f"{command} ended with exit status {event.returncode}")
+            raise _CommandEndedError(f"{command} ended with exit status {event.returncode}")
         return Shutdown(reason=f"{command} has ended")
 
-    process = ExecuteProcess(
-        cmd=[*START, str(program), *words_of(command, given)],
-        name=command,
-        output="screen",
-        on_exit=end,
-        sigterm_timeout=str(SIGTERM_TIMEOUT),
-        sigkill_timeout=str(SIGKILL_TIMEOUT),
-    )
-    return [process]
+    timeouts = {"sigterm_timeout": str(_SIGTERM_TIMEOUT), "sigkill_timeout": str(_SIGKILL_TIMEOUT)}
+    words = [*_START, program, *words_of(command, given)]
+    return [ExecuteProcess(cmd=words, name=command, output="screen", on_exit=end, **timeouts)]

@@ -9,8 +9,7 @@ of the ROS installation, which need not have the project's requirements.
 import argparse
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from atpid_common.arguments import file_path, graph_name, positive, real, whole, word
@@ -20,7 +19,7 @@ from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.views.live.address import HOST, PORT
 
 #: The severities of ROS's log.
-LEVELS = ("debug", "info", "warn", "error", "fatal")
+_LEVELS = ("debug", "info", "warn", "error", "fatal")
 
 
 def add_stand(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +70,7 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     add("--rate", type=real(0.0, 1000.0), default=0.0, help="speed against the recording; 0: as fast as possible")
     add("--scene", type=file_path, help="scene to use in place of the one kept in the bag")
     add("--map", type=file_path, help="height map to use in place of the one kept in the bag")
-    add("--log-level", choices=LEVELS, help="least severity that the nodes log")
+    add("--log-level", choices=_LEVELS, help="least severity that the nodes log")
     add("--domain", type=whole(0, HIGHEST_DOMAIN), help="ROS domain to use; default: a free one")
 
 
@@ -85,7 +84,7 @@ def _add_run(parser: argparse.ArgumentParser, when: str) -> None:
     add = parser.add_argument
     add_parameters(parser)
     add("--namespace", type=namespace, metavar="NAME", help=f"{when}namespace of all nodes; default: none")
-    add("--log-level", choices=LEVELS, help=f"{when}least severity that the nodes log; default: info")
+    add("--log-level", choices=_LEVELS, help=f"{when}least severity that the nodes log; default: info")
     restarts = "how often, in all, a killed identifier or selector is started again; default: the run ends"
     add("--restarts", type=whole(0, 100), default=0, help=f"{when}{restarts}")
     move = "before the run, move the ceiling by METRES and back; wrong direction, distance or speed ends the run"
@@ -109,13 +108,8 @@ def namespace(text: str) -> str:
 
 
 #: By the name of the command, which is that of the launch file.
-OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
-    "stand": add_stand,
-    "bench": add_bench,
-    "replay": add_replay,
-}
-
-
+OPTIONS: Mapping[str, Callable[[argparse.ArgumentParser], None]]
+OPTIONS = {"stand": add_stand, "bench": add_bench, "replay": add_replay}
 #: Options that a launch file always gives: it runs in real time.
 _ALWAYS: Mapping[str, tuple[str, ...]] = {"bench": ("--real-time",)}
 #: What `launch` and `launch_ros` themselves read, in every launch file.
@@ -128,40 +122,21 @@ class LaunchArgumentError(InputError):
     """A launch argument that cannot be used; the message is one line: what was given, what is allowed, what to do."""
 
 
-@dataclass(frozen=True)
-class Argument:
-    """One argument: `option` is that of the command, "" where it is its operand; `default` None: it must be given."""
-
-    name: str
-    option: str
-    description: str
-    default: str | None
-    choices: tuple[str, ...] = ()
-    is_flag: bool = False
-    is_path: bool = False
-
-
-def arguments_of(command: str) -> list[Argument]:
-    """Return the launch arguments of a command, one for each of its options."""
+def arguments_of(command: str) -> dict[str, argparse.Action]:
+    """Return the options of a command by the names of its launch arguments."""
     parser = argparse.ArgumentParser(add_help=False)
     OPTIONS[command](parser)
-    return [
-        _argument(action) for action in parser._actions if not {*action.option_strings} & {*_ALWAYS.get(command, ())}
-    ]
+    always = {*_ALWAYS.get(command, ())}
+    return {action.dest: action for action in parser._actions if not always & {*action.option_strings}}
 
 
-def _argument(action: argparse.Action) -> Argument:
-    is_flag = action.const is True
-    default = "false" if is_flag else str(action.default) if action.default is not None else ""
-    return Argument(
-        name=action.dest,
-        option=next(iter(action.option_strings), ""),
-        description=str(action.help) % {"default": default},
-        default=default if action.option_strings else None,
-        choices=tuple(action.choices or ()),
-        is_flag=is_flag,
-        is_path=action.type is file_path,
-    )
+def default_of(option: argparse.Action) -> str | None:
+    """Return the default of the launch argument of an option; None: it must be given."""
+    if not option.option_strings:
+        return None
+    if option.const is True:
+        return _NO[0]
+    return "" if option.default is None else str(option.default)
 
 
 def words_of(command: str, given: Mapping[str, str]) -> list[str]:
@@ -170,15 +145,15 @@ def words_of(command: str, given: Mapping[str, str]) -> list[str]:
     Raises LaunchArgumentError for a flag that is neither yes nor no.
     """
     options, operands = list(_ALWAYS.get(command, ())), []
-    for argument in arguments_of(command):
-        text = given.get(argument.name, "")
-        text = os.path.expanduser(text) if argument.is_path else text  # as a shell does in --option=~/file
-        if argument.is_flag:
-            options += [argument.option] if _is_yes(command, argument.name, text or _NO[0]) else []
-        elif text in ("", argument.default):
+    for name, option in arguments_of(command).items():
+        text = given.get(name, "")
+        text = os.path.expanduser(text) if option.type is file_path else text  # as a shell does in --option=~/file
+        if option.const is True:
+            options += [option.option_strings[0]] if _is_yes(command, name, text or _NO[0]) else []
+        elif text in ("", default_of(option)):
             continue
-        elif argument.option:
-            options.append(f"{argument.option}={text}")
+        elif option.option_strings:
+            options.append(f"{option.option_strings[0]}={text}")
         else:
             operands.append(text)
     return [command, *options, "--", *operands]
@@ -191,9 +166,9 @@ def _is_yes(command: str, name: str, text: str) -> bool:
     return text.lower() in _YES
 
 
-def check_names(command: str, names: Sequence[str]) -> None:
+def check_names(command: str, names: Iterable[str]) -> None:
     """Raise LaunchArgumentError for a name that is not an argument; `ros2 launch` itself ignores such a name."""
-    known = [argument.name for argument in arguments_of(command)]
+    known = list(arguments_of(command))
     for name in names:
         if name not in [*known, *_OF_LAUNCH]:
             hint = did_you_mean(name, known)

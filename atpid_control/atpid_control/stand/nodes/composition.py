@@ -15,14 +15,15 @@ from typing import Any
 import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
 from rcl_interfaces.msg import Log
+from rclpy.client import Client
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from atpid_common.files import Document
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
@@ -31,7 +32,8 @@ from atpid_common.nodes.node_main import PARAMETERS, command_node, initialise
 from atpid_common.nodes.parameters import refuse_undeclared
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.stand.parameters import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.stand.parameters import BenchError, NodeDiedError, Parameters, PlantFailedError
+from atpid_control.stand.parts import EXCITER, PARTS, Part, added_part
 
 Progress = Callable[[float], None]
 QUIET = ["--ros-args", "--disable-stdout-logs"]
@@ -39,9 +41,9 @@ QUIET = ["--ros-args", "--disable-stdout-logs"]
 _APART = 0.2
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
-HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
+_HANDSHAKE_TIMEOUT, _LOOP_TIMEOUT = 30.0, 60.0
 #: Every entity costs time in every round of the executor, and parameter services are not used in a run.
-NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
+_NODE_OPTIONS = {"start_parameter_services": False, "enable_rosout": False}
 
 
 def node_class(package: str, name: str) -> type[Node]:
@@ -54,55 +56,63 @@ def node_class(package: str, name: str) -> type[Node]:
     return found
 
 
-class Composition:
-    """Nodes on one single-threaded executor in this process: fast, and the same every time; no signal handlers."""
+def make_node(part: Part, values: Document, **options: object) -> Node:
+    """Return a node of this process, with its parameters; what it refuses is raised as it is."""
+    overrides = [Parameter(key, value=value) for key, value in values.items()]
+    return node_class(part.package, part.name)(parameter_overrides=overrides, **options)
 
-    def __init__(self, parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]]) -> None:
-        """Start (package, name) parts with their parameters; what a node refuses is raised as it is."""
-        self._stack = ExitStack()
-        self.nodes: dict[str, Node] = {}
-        with ExitStack() as undo:
-            # one context for all: nodes use the default one unless another is given
-            initialise(QUIET)
-            undo.callback(rclpy.try_shutdown)
-            self.executor = TurnExecutor()
-            undo.callback(self.executor.shutdown)
-            for package, name in parts:
-                overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
-                node = node_class(package, name)(parameter_overrides=overrides, **NODE_OPTIONS)
-                undo.callback(node.destroy_node)
-                refuse_undeclared(node, [row.name for row in PARAMETERS])  # of processes only
-                close = getattr(node, "close", None)
-                if close is not None:
-                    undo.callback(close)
-                self.nodes[name] = node
-                self.executor.add_node(node)
-            self._stack = undo.pop_all()
 
-    def __enter__(self) -> Composition:
-        return self
+@contextmanager
+def _graph(parameters: Parameters) -> Iterator[tuple[Executor, dict[str, Node]]]:
+    """Start the nodes that have parameters on one single-threaded executor: fast, and the same every time.
 
-    def __exit__(self, *_: object) -> None:
-        """Close and destroy the nodes in reverse order: the recorder, last in, closes its bag first, Ctrl-C or not."""
+    In the end they are closed in reverse order: the recorder, last in, closes its bag first, Ctrl-C or not.
+    """
+    excited = [added_part(EXCITER).part] if EXCITER in parameters else []
+    nodes: dict[str, Node] = {}
+    undo = ExitStack()
+    try:
+        # one context for all: nodes use the default one unless another is given
+        initialise(QUIET)
+        undo.callback(rclpy.try_shutdown)
+        executor = TurnExecutor()
+        undo.callback(executor.shutdown)
+        for part in (PARTS[0], *excited, *PARTS[1:]):
+            if part.name not in parameters:
+                continue
+            node = make_node(part, parameters[part.name], **_NODE_OPTIONS)
+            undo.callback(node.destroy_node)
+            refuse_undeclared(node, [row.name for row in PARAMETERS])  # of processes only
+            if hasattr(node, "close"):
+                undo.callback(node.close)
+            nodes[part.name] = node
+            executor.add_node(node)
+        yield executor, nodes
+    finally:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
-            self._stack.close()
+            undo.close()
         finally:
             signal.signal(signal.SIGINT, before)
 
 
 #: Called with the simulated time [s] and a message.
 Follow = Callable[[float, Any], None]
-FOLLOWED = {"events": Event, "excitation": Excitation, "ceiling/command": CeilingCommand, "ceiling/state": CeilingState}
+_FOLLOWED = {
+    "events": Event,
+    "excitation": Excitation,
+    "ceiling/command": CeilingCommand,
+    "ceiling/state": CeilingState,
+}
 
 
 def run_lockstep(
-    parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]], progress: Progress,
-    follow: Follow | None = None, calls: Sequence[tuple[float, str]] = (),
-) -> None:  # fmt: skip
+    parameters: Parameters, progress: Progress, follow: Follow | None = None, calls: Sequence[tuple[float, str]] = ()
+) -> None:
     """Run the graph until the plant is done; `progress` is called with the simulated time [s].
 
-    follow: is called with each message of `FOLLOWED`, and with the time the plant has reached when it came.
+    The next block follows as soon as the loop has answered the last.
+    follow: is called with each message of `_FOLLOWED`, and with the time the plant has reached when it came.
     calls: services (std_srvs/Trigger) that are called once the plant has reached their time [s], in rising order.
 
     Raises PlantFailedError where the plant fails, NodeDiedError where another node ends, BenchError where handshake
@@ -110,12 +120,12 @@ def run_lockstep(
     """
     with ExitStack() as stack:
         with announced(COMPILING):
-            graph = stack.enter_context(Composition(parts, parameters))
-        plant: Any = graph.nodes["plant_node"]
+            executor, nodes = stack.enter_context(_graph(parameters))
+        plant = nodes["plant_node"]
         waiting = _follow(plant, follow, calls)
-        others = {name: node for name, node in graph.nodes.items() if node is not plant and hasattr(node, "done")}
+        others = {name: node for name, node in nodes.items() if node is not plant and hasattr(node, "done")}
         computed, since, reported = -1, time.monotonic(), False
-        turn = stack.enter_context(_uninterrupted(graph.executor))
+        turn = stack.enter_context(_uninterrupted(executor))
         while not plant.done.done():
             turn(0.1)
             _check(others)
@@ -127,7 +137,7 @@ def run_lockstep(
             elif computed <= 0 and not reported and time.monotonic() - since > ANNOUNCE_AFTER:
                 reported = True
                 to_stderr(f"no samples yet: waiting for {plant.waiting_for()}")
-            elif time.monotonic() - since > (LOOP_TIMEOUT if computed > 0 else HANDSHAKE_TIMEOUT):
+            elif time.monotonic() - since > (_LOOP_TIMEOUT if computed > 0 else _HANDSHAKE_TIMEOUT):
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:
             raise PlantFailedError(plant.failure)
@@ -152,20 +162,20 @@ def _uninterrupted(executor: Executor) -> Iterator[Callable[[float], None]]:
         raise KeyboardInterrupt
 
 
-def _follow(plant: Any, follow: Follow | None, calls: Sequence[tuple[float, str]]) -> list[tuple[float, Any]]:
+def _follow(plant: Node, follow: Follow | None, calls: Sequence[tuple[float, str]]) -> list[tuple[float, Client]]:
     """Subscribe `follow`; return the time and the client of each call."""
-    bare = SubscriptionEventCallbacks(use_default_callbacks=False)
-    for topic, kind in FOLLOWED.items() if follow else ():
+    if follow is not None:
 
-        def received(message: Any) -> None:
-            assert follow is not None
+        def received(message: object) -> None:
             follow(plant.stream.computed_ticks / plant.stream.rate, message)
 
-        plant.create_subscription(kind, topic, received, EVENTS, event_callbacks=bare)
+        bare = SubscriptionEventCallbacks(use_default_callbacks=False)
+        for topic, kind in _FOLLOWED.items():
+            plant.create_subscription(kind, topic, received, EVENTS, event_callbacks=bare)
     return [(time, plant.create_client(Trigger, service)) for time, service in calls]
 
 
-def _check(nodes: Mapping[str, Any]) -> None:
+def _check(nodes: Mapping[str, Node]) -> None:
     """Raise NodeDiedError where a node has ended: the recorder on a full disk, for example."""
     for name, node in nodes.items():
         if node.done.done():
@@ -173,15 +183,15 @@ def _check(nodes: Mapping[str, Any]) -> None:
             raise NodeDiedError(f"{name} ended: {reason}")
 
 
-def _stopped(plant: Any, computed: int) -> str:
+def _stopped(plant: Node, computed: int) -> str:
     if computed == 0:
-        return f"the graph did not get ready within {HANDSHAKE_TIMEOUT:g} s: still waiting for {plant.waiting_for()}"
+        return f"the graph did not get ready within {_HANDSHAKE_TIMEOUT:g} s: still waiting for {plant.waiting_for()}"
     stopped = f"the loop stopped at {computed / plant.stream.rate:g} s"
-    return f"{stopped}: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
+    return f"{stopped}: no ceiling/state answered the last block within {_LOOP_TIMEOUT:g} s (see log/)"
 
 
 #: Motor and exciter at once, and the supervisor, in which a stop is latched.
-STOPPED_BY = ("motor_node", "excitation_node", "supervisor_node")
+_STOPPED_BY = ("motor_node", "excitation_node", "supervisor_node")
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -191,20 +201,9 @@ class BenchWatch(Node):
     It publishes an event where a node was started again, and nothing else.
     """
 
-    def __init__(
-        self, report: Callable[[str], None], follow: Follow | None = None, calls: Sequence[tuple[float, str]] = (),
-        **node_options: Any,
-    ) -> None:  # fmt: skip
-        """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate.
-
-        follow: is called with each message of `FOLLOWED`, and with the time since the plant's begin when it came [s].
-        calls: services (std_srvs/Trigger) that are called at their times [s], in rising order.
-        """
+    def __init__(self, report: Callable[[str], None], **node_options: object) -> None:
+        """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate."""
         super().__init__("bench_watch", **node_options)
-        self._follow, self._begun = follow, math.nan  # [s]
-        self._calls = [(moment, self.create_client(Trigger, service)) for moment, service in calls]
-        for topic, kind in FOLLOWED.items() if follow else ():
-            self.create_subscription(kind, topic, self._on_followed, EVENTS if kind is Event else 100)
         self.elapsed = 0.0  # data time since the first estimate [s]
         self.failure = ""  # why the plant failed, one sentence
         self._report = report
@@ -215,7 +214,7 @@ class BenchWatch(Node):
         subscribe(self, Event, "events", self._on_event, EVENTS)
         self.create_subscription(Log, "/rosout", self._on_log, ROSOUT)
         self._events = EventPublisher(self)
-        self._stops = [self.create_client(Trigger, f"{name}/stop") for name in STOPPED_BY]
+        self._stops = [self.create_client(Trigger, f"{name}/stop") for name in _STOPPED_BY]
 
     def restarted(self, text: str) -> None:
         """Publish that a node was started again."""
@@ -227,17 +226,7 @@ class BenchWatch(Node):
         if not ready:
             to_stderr("no motor node and no supervisor yet: there is nothing to stop")
         for client in ready:
-            client.call_async(Trigger.Request()).add_done_callback(_answered)
-
-    def _on_followed(self, message: Any) -> None:
-        if isinstance(message, Event) and message.kind == Event.STARTED and message.node == "plant_node":
-            self._begun = nanoseconds_of(message.header.stamp) * 1e-9
-        moment = time.time() - self._begun
-        assert self._follow is not None
-        if not math.isnan(moment):
-            self._follow(moment, message)
-        while self._calls and self._calls[0][0] <= moment:
-            self._calls.pop(0)[1].call_async(Trigger.Request())
+            client.call_async(Trigger.Request()).add_done_callback(lambda answer: to_stderr(answer.result().message))
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:
@@ -261,17 +250,10 @@ class BenchWatch(Node):
             self._report(text)
 
 
-def _answered(answer: Future) -> None:
-    to_stderr(answer.result().message)
-
-
 @contextmanager
-def watching(
-    report: Callable[[str], None], namespace: str = "", follow: Follow | None = None,
-    calls: Sequence[tuple[float, str]] = (),
-) -> Iterator[tuple[BenchWatch, Callable[[], None]]]:  # fmt: skip
+def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
     """Yield the watch and a function that spins it for up to a twentieth of a second: a node that ends is seen then."""
-    with command_node(lambda: BenchWatch(report, follow, calls, namespace=namespace), *QUIET) as (watch, executor):
+    with command_node(lambda: BenchWatch(report, namespace=namespace), *QUIET) as (watch, executor):
 
         def listen() -> None:
             with _uninterrupted(executor) as turn:

@@ -10,36 +10,25 @@ from __future__ import annotations
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Any
 
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from atpid_common.arguments import file_path, path_to
 from atpid_common.errors import DONE
 from atpid_common.nodes.node_main import initialise
 from atpid_common.output import writing
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand import parts
 from atpid_control.stand.domain import own_domain
-from atpid_control.stand.nodes.composition import node_class
-from atpid_control.stand.parts import (
-    EXCITER,
-    LABJACK,
-    LIVE,
-    NI,
-    NODES,
-    SERIAL_MOTOR,
-    SUPERVISOR,
-    Part,
-    added_part,
-    enclave_of,
-    is_installed,
-)
+from atpid_control.stand.nodes.composition import make_node
+from atpid_control.stand.parameters import Parameters
 from atpid_sim.scene import load_scene
 
 #: Version of the policy's form (sros2, policy.xsd).
@@ -86,16 +75,13 @@ def _actions(services: Iterable[str]) -> set[str]:
     return {name.partition(_ACTION)[0] for name in services if _ACTION in name}
 
 
-def operator_rights(nodes: Iterable[Rights], own: Rights) -> Rights:
+def _operator_rights(nodes: Iterable[Rights], own: Rights) -> Rights:
     """Return an operator's: sees every topic, may request every service and action, publishes nothing of the graph.
 
     own: what every node does, whatever its task.
     """
-    everything = Rights()
-    for one in nodes:
-        everything |= one
-    seen = Rights(subscribe=everything.publish, request=everything.reply, call=everything.execute)
-    return seen | own
+    everything = reduce(or_, nodes, Rights())
+    return Rights(subscribe=everything.publish, request=everything.reply, call=everything.execute) | own
 
 
 #: Element of the policy, of one name in it, and the kinds of right that are its attribute.
@@ -111,22 +97,18 @@ def policy(rights: Mapping[str, Rights], namespace: str = "/") -> str:
     root = ElementTree.Element("policy", version=_VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     for node, allowed in sorted(rights.items()):
-        enclave = ElementTree.SubElement(enclaves, "enclave", path=enclave_of(node))
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=parts.enclave_of(node))
         profiles = ElementTree.SubElement(enclave, "profiles")
         profile = ElementTree.SubElement(profiles, "profile", ns=namespace, node=node)
         for group, item, kinds in _FORM:
             for kind in kinds:
-                _allow(profile, group, item, kind, sorted(getattr(allowed, kind)))
+                if names := sorted(getattr(allowed, kind)):
+                    element = ElementTree.SubElement(profile, group, {kind: "ALLOW"})
+                    for name in names:
+                        ElementTree.SubElement(element, item).text = name
     ElementTree.indent(root)
     comments = "\n".join(f"<!--{line}-->" for line in _HEAD)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{comments}\n{ElementTree.tostring(root, encoding="unicode")}\n'
-
-
-def _allow(profile: ElementTree.Element, group: str, item: str, kind: str, names: Sequence[str]) -> None:
-    if names:
-        element = ElementTree.SubElement(profile, group, {kind: "ALLOW"})
-        for name in names:
-            ElementTree.SubElement(element, item).text = name
 
 
 #: What a node opens only while it works, or with other parameters than those of its file.
@@ -135,26 +117,24 @@ LATER = {
     "selector_node": Rights(subscribe={"/sensors/laser"}),  # while it searches
 }
 _LISTED, _READ = "/list_parameters", "/get_parameters"
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --out atpid_control/config/security/stand.policy.xml"
 
 
-def stand() -> tuple[Part, ...]:
+def stand() -> tuple[parts.Part, ...]:
     """Return the stand's nodes, with what excites it where a package that is installed has that."""
-    loop = (NODES[name] for name in ("identifier_node", "selector_node", "recorder_node"))
-    exciter = (added_part(EXCITER).part,) if is_installed(EXCITER) else ()
-    return (SERIAL_MOTOR, *exciter, SUPERVISOR, LABJACK, NI, *loop, LIVE)
+    exciter = (parts.added_part(parts.EXCITER).part,) if parts.is_installed(parts.EXCITER) else ()
+    return (parts.SERIAL_MOTOR, *exciter, parts.SUPERVISOR, parts.LABJACK, parts.NI, *parts.LOOP, parts.LIVE)
 
 
 @contextmanager
 def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
     """Yield the stand's nodes by name, in a domain of their own; none is spun, so no device is opened."""
-    parts = stand()
-    given: Mapping[str, Mapping[str, Any]] = {
+    made_of = stand()
+    given: Parameters = {
         "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
         "motor_node": {"supervised": True},
-        EXCITER: {"supervised": True},
-        "supervisor_node": {"nodes": [part.name for part in parts if part not in (SUPERVISOR, LIVE)]},
+        parts.EXCITER: {"supervised": True},
+        "supervisor_node": {"nodes": [part.name for part in made_of if part not in (parts.SUPERVISOR, parts.LIVE)]},
         "live_node": {"scene": str(scene), "port": 0},
         "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},
     }
@@ -163,10 +143,9 @@ def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
         initialise([], context=context)
         nodes: dict[str, Node] = {}
         try:
-            for part in parts:
-                values = {**part.configured(), **given.get(part.name, {})}
-                overrides = [Parameter(key, value=value) for key, value in values.items()]
-                nodes[part.name] = node_class(part.package, part.name)(parameter_overrides=overrides, context=context)
+            for part in made_of:
+                values = part.configured() | given.get(part.name, {})
+                nodes[part.name] = make_node(part, values, context=context)
             yield nodes
         finally:
             for node in nodes.values():
@@ -186,18 +165,18 @@ def opened(observer: Node, name: str, namespace: str = "/") -> Rights:
     return Rights(*({topic for topic, _ in query(name, namespace)} for query in queries)).actions_folded
 
 
-def rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
+def _rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
     """Return the rights of each node, and of an operator."""
     found = {name: opened(node, name) | LATER.get(name, Rights()) for name, node in nodes.items()}
     for one in found.values():  # the values of parameters are requested once their names are known
         one.request |= {name.removesuffix(_LISTED) + _READ for name in one.request if name.endswith(_LISTED)}
-    return found | {OPERATOR: operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
+    return found | {OPERATOR: _operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
 
 
 def run(given: Namespace) -> int:
     """Make the policy; return 0."""
     with tempfile.TemporaryDirectory(prefix="atpid-policy-") as folder, made(given.scene, Path(folder)) as nodes:
-        text = policy(rights_of(nodes))
+        text = policy(_rights_of(nodes))
     if given.out is None:
         print(text, end="")
     else:

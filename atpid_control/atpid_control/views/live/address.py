@@ -36,10 +36,8 @@ class Address:
     @property
     def url(self) -> str:
         """The page's address, with the token where one is needed."""
-        host = reachable(self.host)
-        return (
-            f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{f'?token={self.token}' if self.token else ''}"
-        )
+        host, token = _reachable(self.host), f"?token={self.token}" if self.token else ""
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{token}"
 
     def may_be_named(self, host: str) -> bool:
         """Whether a request may name this host: on the loopback no other, or a page from elsewhere could reach it."""
@@ -70,7 +68,7 @@ def address_of(host: str, port: int, environment: Mapping[str, str] = os.environ
     return Address(str(found), port, given or secrets.token_urlsafe(16))
 
 
-def reachable(host: str) -> str:
+def _reachable(host: str) -> str:
     """Return an address at which others reach a server that listens on `host`; this computer's own for 0.0.0.0."""
     if host not in ("0.0.0.0", "::"):
         return host

@@ -23,13 +23,14 @@ import tornado.web
 import tornado.websocket
 from plotly.offline import get_plotlyjs
 
+from atpid_common.files import Document
 from atpid_control.views.live.address import Address, LiveError, listening
 from atpid_control.views.live.requests import LONGEST, Request, read_request
 from atpid_control.views.live.view import LiveView
 
-DATA = Path(__file__).parent / "data"
+_DATA = Path(__file__).parent / "data"
 #: Between two messages to the browsers, and until a request without an answer is given up; arming takes longer [s].
-PERIOD, ANSWER, ARMING = 0.04, 2.0, 7.0
+PERIOD, ANSWER, _ARMING = 0.04, 2.0, 7.0
 #: Browsers at once; requests of one of them without an answer, besides a stop; connections that are no stream.
 MOST, MOST_OPEN, MOST_CONNECTIONS = 16, 8, 32
 #: Between two questions whether a browser is still there; until a request has come, or another one on its connection;
@@ -52,12 +53,11 @@ _HEADERS = {
 Answer = tuple[bool, str]
 #: Called with a request and what takes its answer, from any thread, once.
 Act = Callable[[Request, Callable[[Answer], None]], None]
-FILES = {
-    "page.css": "text/css", "page.js": "text/javascript", "picture.js": "text/javascript",
-    "plots.js": "text/javascript",
-}  # fmt: skip
+#: Kinds of the page, of no name, and of the files it consists of.
+FILES = {"": "text/html", "page.css": "text/css"}
+FILES |= dict.fromkeys(("page.js", "picture.js", "plots.js"), "text/javascript")
 #: The library that draws the plots, as the installed package has it.
-PLOTLY = "plotly.min.js"
+_PLOTLY = "plotly.min.js"
 
 
 class LiveServer:
@@ -100,14 +100,11 @@ class LiveServer:
     async def _serve(self, ready: threading.Event) -> None:
         self._ended = asyncio.Event()
         given = {"server": self}
-        application = tornado.web.Application(
-            [(r"/", _Page, given), (r"/stream", _Stream, given), (r"/([A-Za-z.]+)", _File, given)],
-            websocket_ping_interval=_PING, websocket_ping_timeout=_PING, websocket_max_message_size=LONGEST,
-            log_function=lambda _handler: None,
-        )  # fmt: skip
-        server = _Connections(
-            application, max_body_size=LONGEST, idle_connection_timeout=_HEAD, body_timeout=_HEAD
-        )  # fmt: skip
+        routes = [(r"/stream", _Stream, given), (r"/([A-Za-z.]*)", _File, given)]
+        settings: Document = {"websocket_ping_interval": _PING, "websocket_ping_timeout": _PING}
+        settings |= {"websocket_max_message_size": LONGEST, "log_function": lambda _handler: None}
+        application = tornado.web.Application(routes, **settings)
+        server = _Connections(application, max_body_size=LONGEST, idle_connection_timeout=_HEAD, body_timeout=_HEAD)
         server.open = self.connections
         self._loop.add_reader(self._socket, self._accept, server)
         ready.set()
@@ -178,7 +175,7 @@ class _Connections(tornado.httpserver.HTTPServer):
 
     open: dict[tornado.iostream.IOStream, bool]
 
-    def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
+    def handle_stream(self, stream: tornado.iostream.IOStream, address: tuple[object, ...]) -> None:
         """Serve a connection."""
         if len(self.open) >= MOST_CONNECTIONS:
             self.close_one()
@@ -221,38 +218,29 @@ class _Guarded(tornado.web.RequestHandler):
             self.set_header(name, value)
         self.clear_header("Server")
 
-    def write_error(self, status_code: int, **_kwargs: Any) -> None:
+    def write_error(self, status_code: int, **_kwargs: object) -> None:
         """Answer in one line."""
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         needs = "this page needs its token: open the address that the live page printed when it started"
         self.finish(f"{needs}\n" if status_code == 403 else f"{status_code}\n")
 
 
-class _Page(_Guarded):
-    """The page itself; a token in the address becomes a cookie, so that it does not stay there."""
-
-    def get(self) -> None:
-        if self.get_query_argument("token", ""):
-            self.set_cookie(_COOKIE, self.server.address.token, httponly=True, samesite="Strict", path="/")
-            self.redirect("/")
-            return
-        self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.finish((DATA / "page.html").read_bytes())
-
-
 class _File(_Guarded):
-    """What the page consists of."""
+    """What the page consists of, and the page itself; a token in its address becomes a cookie, so as not to stay."""
 
     def get(self, name: str) -> None:
-        if name == PLOTLY:
+        if not name and self.get_query_argument("token", ""):
+            self.set_cookie(_COOKIE, self.server.address.token, httponly=True, samesite="Strict", path="/")
+            self.redirect("/")
+        elif name == _PLOTLY:
             self.set_header("Content-Type", "text/javascript; charset=utf-8")
             self.set_header("Cache-Control", "private, max-age=86400")  # 5 MB, the same until the package changes
             self.finish(get_plotlyjs())
-            return
-        if name not in FILES:
+        elif name in FILES:
+            self.set_header("Content-Type", f"{FILES[name]}; charset=utf-8")
+            self.finish((_DATA / (name or "page.html")).read_bytes())
+        else:
             raise tornado.web.HTTPError(404)
-        self.set_header("Content-Type", f"{FILES[name]}; charset=utf-8")
-        self.finish((DATA / name).read_bytes())
 
 
 class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
@@ -327,9 +315,6 @@ class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _do(self, request: Request) -> None:
-        await self._answer(request.number, await self._done(request))
-
     async def _answer(self, number: int | None, answer: Answer) -> None:
         try:
             text = {"type": "answer", "number": number, "success": answer[0], "text": answer[1]}
@@ -337,7 +322,7 @@ class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
         except tornado.websocket.WebSocketClosedError:
             self.on_close()
 
-    async def _done(self, request: Request) -> Answer:
+    async def _do(self, request: Request) -> None:
         answered: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
 
         def answer(found: Answer) -> None:
@@ -345,17 +330,18 @@ class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
                 answered.set_result(found)
 
         self.server.act(request, lambda found: self.server.later(lambda: answer(found)))
-        limit = ARMING if request.do == "arm" else ANSWER
+        limit = _ARMING if request.do == "arm" else ANSWER
         try:
-            return await asyncio.wait_for(answered, limit)
+            found = await asyncio.wait_for(answered, limit)
         except asyncio.TimeoutError:
             stop = "; motor off is not confirmed: use the emergency stop" if request.do in ("stop", "disarm") else ""
-            return False, f"no answer within {limit:g} s{stop}"
+            found = (False, f"no answer within {limit:g} s{stop}")
+        await self._answer(request.number, found)
 
     def on_close(self) -> None:
         """Forget it."""
         self.server.browsers.pop(self, None)
 
 
-def _text(message: Any) -> str:
+def _text(message: object) -> str:
     return json.dumps(message, separators=(",", ":"), allow_nan=False)

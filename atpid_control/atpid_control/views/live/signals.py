@@ -34,16 +34,14 @@ class Rows:
         self._new: deque[Row] = deque(maxlen=kept)
         self._spacing, self._last = spacing, -math.inf
 
-    def add(self, time: float, *values: float) -> bool:
-        """Add a row, where it is due; return whether it was."""
+    def add(self, time: float, *values: float) -> None:
+        """Add a row, where it is due."""
         if time < self._last + self._spacing:
-            return False
+            return
         if time > self._last + self._longest:
             self.add_gap(self._last + self._longest)
         self._last = time
-        row = (plain(time), *map(plain, values))
-        self._append(row)
-        return True
+        self._append((plain(time), *map(plain, values)))
 
     def add_gap(self, time: float) -> None:
         """Draw no line over this time [s], which lies between the last row and the next."""

@@ -3,15 +3,20 @@
 """The state of the graph as the page shows it: nodes, motor, controller, recorder, and who has fallen silent."""
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
+from atpid_common.files import Document
 from atpid_common.vocabulary import Mode
 from atpid_control.views.live.signals import plain
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.quantities import efficiency
 
+if TYPE_CHECKING:
+    from atpid_interfaces.msg import CeilingCommand, CeilingState, Excitation, RecorderStatus, SupervisorState
 
-class ShareSoFar:
+
+class _ShareSoFar:
     """The share by which the beam's amplitude lies below a reference: at the latest steady estimate, and its mean."""
 
     def __init__(self, scene: Scene, *, grain: bool) -> None:
@@ -37,68 +42,60 @@ class ShareSoFar:
             self._sum, self._count = self._sum + self.now, self._count + 1
 
 
-def shares_of(scene: Scene | None) -> dict[str, ShareSoFar]:
+def shares_of(scene: Scene | None) -> dict[str, _ShareSoFar]:
     """Return efficiency, against the closed damper, and reduction, against the structure without it; none of None."""
     if scene is None:
         return {}
-    return {"efficiency": ShareSoFar(scene, grain=True), "reduction": ShareSoFar(scene, grain=False)}
+    return {"efficiency": _ShareSoFar(scene, grain=True), "reduction": _ShareSoFar(scene, grain=False)}
 
 
 #: Topics that come all the time in a running graph: silent after so long [s].
-SILENT = {
-    "sensors/laser": 1.0,
-    "excitation": 1.0,
-    "ceiling/command": 1.0,
-    "ceiling/state": 1.0,
-    "supervisor/state": 1.0,
-    "recorder/status": 3.0,
-}
+_SILENT = dict.fromkeys(("sensors/laser", "excitation", "ceiling/command", "ceiling/state", "supervisor/state"), 1.0)
+_SILENT["recorder/status"] = 3.0
 #: The same that a topic of the loop is about.
 _OF_SUPERVISOR = "supervisor/state"
 _MOTOR = "motor_node"
 #: Diagnostics of a node that come no more are dropped after so long [s].
 _FORGOTTEN = 5.0
-POWERS = ("off", "off", "on", "on, at rest", "on", "off until armed again")
-SUPERVISOR = ("starting", "ready", "degraded", "fault", "safe: motor off", "shutdown")
-LEVELS = ("ok", "warning", "error", "stale")
-QUALITIES = ("no estimate", "steady", "changing", "poor")
+_ON = (Mode.HOMING, Mode.HOLDING, Mode.MOVING)
+_POWERS = ("off", "off", "on", "on, at rest", "on", "off until armed again")
+_SUPERVISOR = ("starting", "ready", "degraded", "fault", "safe: motor off", "shutdown")
+_LEVELS = ("ok", "warning", "error", "stale")
+_QUALITIES = ("no estimate", "steady", "changing", "poor")
 
 
-def _motor(state: Any) -> dict[str, Any]:
-    return {
-        "mode": Mode(state.mode).name.lower(), "power": POWERS[state.mode],
-        "on": state.mode in (Mode.HOMING, Mode.HOLDING, Mode.MOVING),
-        "homed": bool(state.homed), "fault": state.fault,
-        "height": plain(state.height), "target": plain(state.target), "speed": plain(state.speed),
-    }  # fmt: skip
+def _fields(message: object, *names: str) -> Document:
+    """Return fields of a message as JSON can hold them."""
+    values = {name: getattr(message, name) for name in names}
+    return {name: plain(value) if isinstance(value, float) else value for name, value in values.items()}
 
 
-def _command(command: Any) -> dict[str, Any]:
-    return {
-        "height": plain(command.height), "method": command.method, "reason": command.reason,
-        "predicted": plain(command.predicted_amplitude),
-    }  # fmt: skip
+def _motor(state: "CeilingState") -> Document:
+    words = {"mode": Mode(state.mode).name.lower(), "power": _POWERS[state.mode], "on": state.mode in _ON}
+    return words | _fields(state, "homed", "fault", "height", "target", "speed")
 
 
-def _excitation(found: Any) -> dict[str, Any]:
-    names = ("amplitude", "amplitude_std", "frequency", "frequency_std", "beam_amplitude")
-    numbers = {name: plain(getattr(found, name)) for name in names}
-    return numbers | {"quality": QUALITIES[found.quality], "origin": ("support", "beam")[found.origin]}
+def _command(command: "CeilingCommand") -> Document:
+    predicted = plain(command.predicted_amplitude)
+    return _fields(command, "height", "method", "reason") | {"predicted": predicted}
 
 
-def _supervisor(message: Any) -> dict[str, Any]:
-    return {
-        "state": SUPERVISOR[message.state], "number": int(message.state), "permit": bool(message.permit),
-        "reason": message.reason,
-    }  # fmt: skip
+def _excitation(found: "Excitation") -> Document:
+    words = {"quality": _QUALITIES[found.quality], "origin": ("support", "beam")[found.origin]}
+    return words | _fields(found, "amplitude", "amplitude_std", "frequency", "frequency_std", "beam_amplitude")
 
 
-def _recorder(status: Any) -> dict[str, Any]:
-    return {"recording": bool(status.recording), "bag": status.bag}
+def _supervisor(message: "SupervisorState") -> Document:
+    words = {"state": _SUPERVISOR[message.state], "number": int(message.state)}
+    return words | _fields(message, "permit", "reason")
+
+
+def _recorder(status: "RecorderStatus") -> Document:
+    return _fields(status, "recording", "bag")
 
 
 #: By topic: the part of the page's state, and what it shows of a message.
-_SHOWN = {
+_SHOWN: dict[str, tuple[str, Callable[..., Document]]] = {
     "ceiling/state": ("motor", _motor),
     "ceiling/command": ("command", _command),
     "excitation": ("excitation", _excitation),
@@ -111,7 +108,7 @@ class GraphState:
     """The latest of everything that is not a plot. Times are steady [s]."""
 
     def __init__(self) -> None:
-        self._shown: dict[str, dict[str, Any]] = {"motor": {}, "supervisor": {}, "recorder": {}}
+        self._shown: dict[str, Document] = {"motor": {}, "supervisor": {}, "recorder": {}}
         self._silences: list[tuple[str, float]] = []
         self._received: dict[str, float] = {}
         self._diagnostics: dict[str, tuple[float, int, str]] = {}
@@ -139,26 +136,24 @@ class GraphState:
         """Take a DiagnosticArray."""
         for status in array.status:
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-            self._diagnostics[status.name] = (now, min(level, len(LEVELS) - 1), status.message)
+            self._diagnostics[status.name] = (now, min(level, len(_LEVELS) - 1), status.message)
 
-    def shown(self, now: float) -> dict[str, Any]:
+    def shown(self, now: float) -> Document:
         """Return the state as the page takes it; every part that has fallen silent is named."""
         silent = {
             topic: round(now - self._received[topic], 1)
-            for topic, limit in SILENT.items()
+            for topic, limit in _SILENT.items()
             if topic in self._received and now - self._received[topic] > limit
         }
-        return self._shown | {
-            "nodes": self._nodes(silent, now), "silent": silent, "seen": bool(self._received),
-            "lost": bool(self._received) and now - max(self._received.values()) > min(SILENT.values()),
-            "finished": self.finished,
-        }  # fmt: skip
+        seen, nodes = bool(self._received), self._nodes(silent, now)
+        lost = seen and now - max(self._received.values()) > min(_SILENT.values())
+        return self._shown | {"nodes": nodes, "silent": silent, "seen": seen, "lost": lost, "finished": self.finished}
 
-    def _nodes(self, silent: dict[str, float], now: float) -> list[dict[str, Any]]:
+    def _nodes(self, silent: dict[str, float], now: float) -> list[Document]:
         """Return name, state in words, whether that is well, and the diagnostics that are not, of each node."""
         if not self._received:
             return []
-        found: dict[str, dict[str, Any]] = {}
+        found: dict[str, Document] = {}
         for name, silence in self._silences:
             if _OF_SUPERVISOR in silent:
                 text, well = "not known: the supervisor is silent", False
@@ -172,8 +167,8 @@ class GraphState:
         if supervisor:
             gone = _OF_SUPERVISOR in silent
             text = f"silent for {silent[_OF_SUPERVISOR]:.1f} s" if gone else supervisor["state"]
-            found["supervisor_node"] = {"name": "supervisor_node", "text": text,
-                                        "well": not gone and supervisor["number"] == 1}  # fmt: skip
+            well = not gone and supervisor["number"] == 1
+            found["supervisor_node"] = {"name": "supervisor_node", "text": text, "well": well}
         if _MOTOR in found and motor and not motor["on"]:
             found[_MOTOR] |= {"well": False, "text": f"{found[_MOTOR]['text']}; {motor['mode']}: motor off"}
         self._diagnostics = {key: one for key, one in self._diagnostics.items() if now - one[0] < _FORGOTTEN}
@@ -182,5 +177,5 @@ class GraphState:
             node = found.setdefault(name, {"name": name, "text": "publishes diagnostics", "well": True})
             if level:
                 node["well"] = False
-                node["text"] += f"; {task}: {LEVELS[level]}, {message}"
+                node["text"] += f"; {task}: {_LEVELS[level]}, {message}"
         return list(found.values())

@@ -10,15 +10,22 @@ import math
 import threading
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_common.vocabulary import DRIVES, EventKind, Quality, Severity
 from atpid_control.views.live.signals import LastSamples, Row, Rows, plain, thinned
 from atpid_control.views.live.state import GraphState, shares_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
+
+if TYPE_CHECKING:
+    from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation, PlantTruth, SampleBlock
+
+    Samples = SampleBlock | PlantTruth
+    Stamped = Samples | CeilingCommand | CeilingState | Event | Excitation
 
 BEAM = "beam_displacement"
 #: Rows of samples that are kept: 6 s of the traces, and 1 s of what only the picture of the damper shows.
@@ -32,7 +39,7 @@ _SPECTRUM = 0.5
 _HEIGHTS = {"ceiling/command": "command", "ceiling/state": "ceiling"}
 
 #: Frequency [Hz], and amplitudes of drive [m or N] and beam [m], one of which may be None; None: there is none yet.
-Spectrum = dict[str, Any] | None
+Spectrum = Document | None
 
 
 class LiveView:
@@ -51,9 +58,9 @@ class LiveView:
             "efficiency": Rows(_LONG, _SPACING, _GAP),  # efficiency, reduction [-]
         }
         self._state, self._drive = GraphState(), scene.driven_by if scene else DRIVES["support"]
-        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
-        self._new_events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
-        self._seen_events: deque[tuple[Any, ...]] = deque(maxlen=4 * _EVENTS)
+        self._events: deque[Document] = deque(maxlen=_EVENTS)
+        self._new_events: deque[Document] = deque(maxlen=_EVENTS)
+        self._seen_events: deque[tuple[int, str, str, str]] = deque(maxlen=4 * _EVENTS)
         self._origin_ns: int | None = None
         self._last_index: dict[str, int] = {}  # of each stream
         self._run, self._counted = 0, 0
@@ -63,7 +70,7 @@ class LiveView:
 
     # messages, each with the steady time of its receipt [s]
 
-    def on_block(self, block: Any, now: float) -> None:
+    def on_block(self, block: "SampleBlock", now: float) -> None:
         """Take a SampleBlock of sensors/laser; one whose index goes back begins another run."""
         with self._lock:
             self._state.on_message("sensors/laser", block, now)
@@ -72,18 +79,20 @@ class LiveView:
             names = list(block.channels)
             data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
             self._drive = next((drive for drive in DRIVES.values() if drive.channel in names), self._drive)
-            chosen = np.stack([_column(data, names, name) for name in (self._drive.channel, BEAM)], axis=1)
+            unknown = np.full(len(data), np.nan)
+            wanted = (self._drive.channel, BEAM)
+            chosen = np.stack([data[:, names.index(name)] if name in names else unknown for name in wanted], axis=1)
             self._samples.add(block.first_index, block.rate, chosen)
             self._add_samples("motion", block, chosen)
 
-    def on_truth(self, truth: Any, now: float) -> None:
+    def on_truth(self, truth: "PlantTruth", now: float) -> None:
         """Take a PlantTruth: grain and ceiling as they are simulated."""
         del now
         with self._lock:
             if self._origin_ns is not None:
                 self._add_samples("truth", truth, np.stack([np.asarray(truth.grain), np.asarray(truth.ceiling)], 1))
 
-    def on_excitation(self, excitation: Any, now: float) -> None:
+    def on_excitation(self, excitation: "Excitation", now: float) -> None:
         """Take an Excitation; a steady one gives an efficiency and a reduction."""
         with self._lock:
             self._state.on_message("excitation", excitation, now)
@@ -109,7 +118,7 @@ class LiveView:
         with self._lock:
             self._state.on_diagnostics(array, now)
 
-    def on_event(self, event: Any, now: float) -> None:
+    def on_event(self, event: "Event", now: float) -> None:
         """Take an Event; one that a late discovery repeats is not shown twice."""
         del now
         with self._lock:
@@ -121,23 +130,21 @@ class LiveView:
             if event.kind == EventKind.FINISHED:
                 self._state.finished = event.text or "the run is over"
             self._counted += 1
-            shown = {
-                "number": self._counted, "at": stamp * 1e-9, "from": event.node, "kind": event.kind,
-                "severity": Severity(event.severity).name.lower(), "text": event.text,
-            }  # fmt: skip
+            shown: Document = {"number": self._counted, "at": stamp * 1e-9, "from": event.node, "kind": event.kind}
+            shown |= {"severity": Severity(event.severity).name.lower(), "text": event.text}
             self._events.append(shown)
             self._new_events.append(shown)
 
     # the page
 
-    def everything(self, now: float) -> dict[str, Any]:
+    def everything(self, now: float) -> Document:
         """Return all that a browser needs that has just come, at the steady time `now` [s]."""
         with self._lock:
             rows = {name: rows.all() for name, rows in self._rows.items()}
             self._renew_spectrum(now)
             return self._message("all", rows, list(self._events), self._spectrum, now)
 
-    def news(self, now: float) -> dict[str, Any]:
+    def news(self, now: float) -> Document:
         """Return what is new since the last call."""
         with self._lock:
             rows = {name: rows.take() for name, rows in self._rows.items()}
@@ -154,16 +161,14 @@ class LiveView:
             self._new_events.clear()
 
     def _message(
-        self, kind: str, rows: dict[str, Sequence[Row]], events: list[dict[str, Any]], spectrum: Spectrum, now: float
-    ) -> dict[str, Any]:
+        self, kind: str, rows: dict[str, Sequence[Row]], events: list[Document], spectrum: Spectrum, now: float
+    ) -> Document:
         origin = None if self._origin_ns is None else self._origin_ns * 1e-9
         radius = self._scene.grain.radius if self._scene is not None else None
-        return {
-            "type": kind, "run": self._run, "origin": origin, "radius": radius,
-            "drive": {"name": self._drive.name, "unit": self._drive.unit},
-            "rows": {name: found for name, found in rows.items() if found},
-            "events": events, "state": self._state.shown(now), "spectrum": spectrum,
-        }  # fmt: skip
+        drive = {"name": self._drive.name, "unit": self._drive.unit}
+        about = {"type": kind, "run": self._run, "origin": origin, "radius": radius, "drive": drive}
+        drawn = {name: found for name, found in rows.items() if found}
+        return about | {"rows": drawn, "events": events, "state": self._state.shown(now), "spectrum": spectrum}
 
     def _renew_spectrum(self, now: float) -> bool:
         """Compute the spectra of the last seconds anew where they are due; return whether they were."""
@@ -192,11 +197,11 @@ class LiveView:
         for rows in self._rows.values():
             rows.clear()
 
-    def _add(self, name: str, message: Any, *values: float) -> None:
+    def _add(self, name: str, message: "Stamped", *values: float) -> None:
         if self._origin_ns is not None:
             self._rows[name].add((_nanoseconds(message) - self._origin_ns) * 1e-9, *values)
 
-    def _add_samples(self, name: str, message: Any, values: Array) -> None:
+    def _add_samples(self, name: str, message: "Samples", values: Array) -> None:
         assert self._origin_ns is not None
         begin = (_nanoseconds(message) - self._origin_ns) * 1e-9 - message.first_index / message.rate
         if message.first_index > self._last_index.get(name, math.inf) + 1:  # a block was lost
@@ -206,10 +211,6 @@ class LiveView:
             self._rows[name].add(begin + float(time), *row)
 
 
-def _nanoseconds(message: Any) -> int:
+def _nanoseconds(message: "Stamped") -> int:
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def _column(data: Array, names: list[str], name: str) -> Array:
-    return data[:, names.index(name)] if name in names else np.full(len(data), np.nan)

@@ -4,15 +4,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_control.analysis.analyse import Analysis
 from atpid_control.views.report.panels import Chart, Panel, anchor, extremes
 from atpid_sim.system import Array
 
-Figure = dict[str, Any]
+#: A figure as plotly reads it from JSON.
+Figure = Document
 
 #: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
 _POINTS = 6000
@@ -45,11 +46,8 @@ def draw(chart: Chart) -> Figure:
         top = bottom - gap
     time = {"range": [chart.begin, chart.end], "title": {"text": "time, s"}, "minallowed": 0.0}
     figure["layout"]["xaxis"] = {**_axis(), "anchor": axis, **time}
-    figure["layout"]["shapes"] = [
-        {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below",
-         "line": {"width": 0}, "fillcolor": "@window"}
-        for begin, end in chart.windows
-    ]  # fmt: skip
+    window = {"type": "rect", "line": {"width": 0}, "fillcolor": "@window"}
+    figure["layout"]["shapes"] = [window | _span(begin, end) for begin, end in chart.windows]
     return figure
 
 
@@ -62,9 +60,8 @@ def spectra(found: Analysis, modes: Sequence[float] = ()) -> Figure:
     beam = found.spectra[1]
     total = np.cumsum(beam.density[1:])
     marked = [mode for mode in modes if mode < beam.frequency[-1]]
-    end = max(
-        8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1), round(1.1 * max(marked, default=0.0) / beam.resolution)
-    )
+    half = int(np.searchsorted(total, 0.5 * total[-1])) + 1
+    end = max(8 * half, round(1.1 * max(marked, default=0.0) / beam.resolution))
     top = float(np.log10(max(float(one.density[1:].max()) for one in found.spectra)))
     names = ("force" if found.spectra[0].unit == "N" else "support", "beam")
     for one, name, colour in zip(found.spectra, names, ("@given", "@own"), strict=True):
@@ -72,24 +69,19 @@ def spectra(found: Analysis, modes: Sequence[float] = ()) -> Figure:
         density = np.where(one.density[chosen] > 0.0, one.density[chosen], np.nan)
         x, y = [round(float(f), 4) for f in one.frequency[chosen]], [float(f"{v:.4g}") for v in density]
         shown = [value if np.isfinite(value) else None for value in y]
-        line = {"color": colour, "width": 1.6}
-        figure["data"].append({"type": "scatter", "mode": "lines", "x": x, "y": shown, "name": name, "line": line,
-                               "hovertemplate": f"%{{y:.3g}} {one.unit}²/Hz"})  # fmt: skip
+        hover = f"%{{y:.3g}} {one.unit}²/Hz"
+        _scatter(figure, "lines", x, shown, name=name, line={"color": colour, "width": 1.6}, hovertemplate=hover)
     figure["layout"]["showlegend"] = True
     figure["layout"]["legend"] = {"x": 1, "xanchor": "right", "y": 1}
     figure["layout"]["xaxis"] = {**_axis(), "title": {"text": "frequency, Hz"}}
     figure["layout"]["yaxis"] = {**_axis(), "type": "log", "range": [top - 10.0, top + 0.5], "exponentformat": "power"}
-    figure["layout"]["shapes"] = [
-        {"type": "line", "xref": "x", "yref": "paper", "x0": mode, "x1": mode, "y0": 0, "y1": 1, "layer": "below",
-         "line": {"width": 1, "color": "@accent", "dash": "dot"}}
-        for mode in marked
-    ]  # fmt: skip
+    dotted = {"type": "line", "line": {"width": 1, "color": "@accent", "dash": "dot"}}
+    figure["layout"]["shapes"] = [dotted | _span(mode, mode) for mode in marked]
+    place = {"xref": "x", "yref": "paper", "y": 1, "xanchor": "left", "yanchor": "top", "xshift": 3}
     for number, mode in enumerate(marked, 1):
-        _note(figure, name="mode", xref="x", yref="paper", x=mode, y=1, xanchor="left", yanchor="top", xshift=3,
-              text=f"mode {number}", font={"color": "@accent"})  # fmt: skip
-    _title(
-        figure, 1.0, "Power spectral density", " and ".join(dict.fromkeys(f"{one.unit}²/Hz" for one in found.spectra))
-    )
+        _note(figure, **place, name="mode", x=mode, text=f"mode {number}", font={"color": "@accent"})
+    units = dict.fromkeys(f"{one.unit}²/Hz" for one in found.spectra)
+    _title(figure, 1.0, "Power spectral density", " and ".join(units))
     return figure
 
 
@@ -113,21 +105,17 @@ def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure
     figure: Figure = {"data": [], "layout": _layout(380 + legend)}
     for curve in curves:
         symbol, dash = _LOOKS[curve.cycle % len(_LOOKS)]
-        own = {"mode": "markers", "marker": {"color": f"@{curve.colour}", "size": 8, "symbol": symbol}}
-        line = {"mode": "lines", "line": {"color": f"@{curve.colour}", "width": 1.4, "dash": dash}}
-        figure["data"].append({
-            "type": "scatter", "name": curve.name, "x": list(curve.x), "y": list(curve.y),
-            "customdata": list(curve.pages), "showlegend": curve.marked,
-            "error_y": {"type": "data", "array": list(curve.bars), "color": f"@{curve.colour}", "thickness": 1.2},
-            "hovertemplate": f"%{{y:.4~g}} {unit}", **(own if curve.marked else line),
-        })  # fmt: skip
+        colour = f"@{curve.colour}"
+        marks = {"marker": {"color": colour, "size": 8, "symbol": symbol}}
+        look = marks if curve.marked else {"line": {"color": colour, "width": 1.4, "dash": dash}}
+        look["error_y"] = {"type": "data", "array": list(curve.bars), "color": colour, "thickness": 1.2}
+        mode, x, y = "markers" if curve.marked else "lines", list(curve.x), list(curve.y)
+        about = {"name": curve.name, "customdata": list(curve.pages), "showlegend": curve.marked}
+        _scatter(figure, mode, x, y, hovertemplate=f"%{{y:.4~g}} {unit}", **about, **look)
     every = [x for curve in curves for x in curve.x]
     aside = 0.04 * (max(every) - min(every))
-    figure["layout"] |= {
-        "showlegend": True,
-        "legend": {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
-        "hovermode": "closest",
-    }
+    below = {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"}
+    figure["layout"] |= {"showlegend": True, "legend": below, "hovermode": "closest"}
     figure["layout"]["margin"] |= {"r": 20, "b": 80 + legend}
     limits = [min(every) - aside, max(every) + aside]
     figure["layout"]["xaxis"] = {**_axis(), "title": {"text": axis}, "range": limits}
@@ -137,19 +125,27 @@ def points(title: str, unit: str, axis: str, curves: Sequence[Marked]) -> Figure
 
 
 def _layout(height: int) -> Figure:
-    return {
-        "height": height, "margin": {"l": 56, "r": 112, "t": 34, "b": 44}, "showlegend": False, "annotations": [],
-        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hovermode": "x unified",
-        "font": {"family": _FONT, "size": 12.5, "color": "@muted"}, "dragmode": "zoom",
-        "hoverlabel": {"bgcolor": "@paper", "bordercolor": "@grid", "font": {"color": "@ink"}},
-    }  # fmt: skip
+    margin, font = {"l": 56, "r": 112, "t": 34, "b": 44}, {"family": _FONT, "size": 12.5, "color": "@muted"}
+    label = {"bgcolor": "@paper", "bordercolor": "@grid", "font": {"color": "@ink"}}
+    clear = dict.fromkeys(("paper_bgcolor", "plot_bgcolor"), "rgba(0,0,0,0)")
+    mouse = {"hovermode": "x unified", "dragmode": "zoom", "hoverlabel": label}
+    return {"height": height, "margin": margin, "font": font, "showlegend": False, "annotations": []} | clear | mouse
 
 
 def _axis() -> Figure:
     return {"gridcolor": "@grid", "zerolinecolor": "@grid", "zerolinewidth": 1, "linecolor": "@grid", "ticks": ""}
 
 
-def _note(figure: Figure, **given: Any) -> None:
+def _span(begin: float, end: float) -> Figure:
+    """Return where a shape is, behind the curves and over the whole height of the chart."""
+    return {"xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below"}
+
+
+def _scatter(figure: Figure, mode: str, x: Sequence[float], y: Sequence[float | None], **given: object) -> None:
+    figure["data"].append({"type": "scatter", "mode": mode, "x": x, "y": y, **given})
+
+
+def _note(figure: Figure, **given: object) -> None:
     figure["layout"]["annotations"].append({"showarrow": False, **given})
 
 
@@ -165,33 +161,26 @@ def _panel(figure: Figure, panel: Panel, axis: str, top: float, end: float) -> N
     for curve in panel.curves:
         x, y = thinned(curve.time, curve.value)
         line = {"color": f"@{curve.colour}", "width": curve.widths[1]} | ({"shape": "hv"} if curve.holds else {})
-        figure["data"].append(
-            {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": curve.name, "yaxis": axis, "line": line,
-             "hovertemplate": hover, "connectgaps": False}
-        )  # fmt: skip
-        _note(
-            figure, name="label", xref="paper", yref=axis, x=1, y=curve.label, xanchor="left", xshift=8,
-            yshift=8.0 * curve.side, text=f"<b>{curve.name}</b>", font={"color": f"@{curve.label_colour}"},
-        )  # fmt: skip
+        look = {"line": line, "hovertemplate": hover, "connectgaps": False}
+        _scatter(figure, "lines", x, y, name=curve.name, yaxis=axis, **look)
+        place = {"xref": "paper", "yref": axis, "x": 1, "y": curve.label, "xanchor": "left", "xshift": 8}
+        font = {"color": f"@{curve.label_colour}"}
+        _note(figure, **place, name="label", yshift=8.0 * curve.side, text=f"<b>{curve.name}</b>", font=font)
+    at = {"xref": "x", "yref": axis, "yanchor": "top"}
     for middle, height, text in panel.efficiencies:
-        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "xanchor": anchor(middle / end), "yanchor": "top"}
-        _note(figure, name="efficiency", text=f"<b>{text}</b>", font={"color": "@own", "size": 19}, **place)
+        place = {"x": middle, "y": height, "xanchor": anchor(middle / end)}
+        _note(figure, **at, **place, name="efficiency", text=f"<b>{text}</b>", font={"color": "@own", "size": 19})
+    mark = {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}
     for middle, height, text in panel.printed:
-        figure["data"].append(
-            {"type": "scatter", "mode": "markers", "x": [middle], "y": [height], "yaxis": axis, "name": "thesis",
-             "hoverinfo": "skip",
-             "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
-        )  # fmt: skip
-        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "xanchor": anchor(middle / end), "yanchor": "top"}
-        _note(figure, name="printed", text=text, font={"color": "@accent"}, yshift=-5, **place)
+        _scatter(figure, "markers", [middle], [height], name="thesis", yaxis=axis, hoverinfo="skip", marker=mark)
+        place = {"x": middle, "y": height, "xanchor": anchor(middle / end), "yshift": -5}
+        _note(figure, **at, **place, name="printed", text=text, font={"color": "@accent"})
     scale = figure["layout"][f"yaxis{axis[1:]}"]
     scale |= {"rangemode": "tozero"} if panel.limits[0] == 0.0 else {"range": list(panel.limits)}
     if panel.errors is not None:
         chosen = extremes(panel.errors[1], _POINTS)
         time, error, bar = ([round(float(value), 5) for value in values[chosen]] for values in panel.errors)
         scale["tickvals"] = [panel.limits[0], 0.0, panel.limits[1]]
-        figure["data"].append(
-            {"type": "scatter", "mode": "markers", "x": time, "yaxis": axis, "name": "error", "y": error,
-             "marker": {"color": "@own", "size": 3.5}, "hovertemplate": hover,
-             "error_y": {"type": "data", "array": bar, "color": "@soft", "thickness": 2.0, "width": 0}}
-        )  # fmt: skip
+        bars = {"type": "data", "array": bar, "color": "@soft", "thickness": 2.0, "width": 0}
+        look = {"marker": {"color": "@own", "size": 3.5}, "hovertemplate": hover, "error_y": bars}
+        _scatter(figure, "markers", time, error, name="error", yaxis=axis, **look)

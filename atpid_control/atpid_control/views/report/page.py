@@ -4,11 +4,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_common.vocabulary import Drive
 from atpid_control.analysis.analyse import Analysis, analyse
 from atpid_control.analysis.rows import rows, shown_unit
@@ -17,17 +16,17 @@ from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
 from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
-from atpid_control.views.report.stages import Closed, Printed, Stage, measured_decrement
+from atpid_control.views.report.stages import Printed, Stage, measured_decrement, per_cent
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
-from atpid_control.views.static_page import rendered
+from atpid_control.views.static_page import document, filled, scripts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.quantities import modes_in
 
 _COLUMNS = (
-    "stage", "{} amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
-    "efficiency", "without damper", "reduction",
-)  # fmt: skip
+    "stage; {} amplitude; identified; error; frequency; ceiling height; beam, closed; beam; "
+    "efficiency; without damper; reduction"
+)
 
 
 def page(view: View) -> str:
@@ -35,25 +34,32 @@ def page(view: View) -> str:
     analysis = analysis_of(view.run)
     drawn = {"overview": panels.overview(view), "grain": panels.grain(view)}
     shown = {name: charts.draw(chart) for name, chart in drawn.items() if chart is not None}
-    modes = modes_in(view.run.scene) if view.run.scene is not None else []
-    shown |= {"spectra": charts.spectra(analysis, [mode.frequency for mode in modes])} if analysis is not None else {}
-    return rendered("report.html", __package__, contents(view, analysis), shown)
+    if analysis is not None:
+        modes = modes_in(view.run.scene) if view.run.scene is not None else []
+        shown["spectra"] = charts.spectra(analysis, [mode.frequency for mode in modes])
+    body = filled("report.html", __package__, _contents(view, analysis))
+    return document(headline(view), [body, scripts(shown)])
 
 
-def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
+def _contents(view: View, analysis: Analysis | None) -> Document:
     """Return the names the template uses, `view` itself among them."""
-    real_time = view.run.about.get("clock") == "real time"
+    run = view.run
     printed: Sequence[Printed | None] = view.printed or [None] * len(view.stages)
     return {
-        "view": view, "title": headline(view), "origin": origin_of(view), "tiles": list(_tiles(view)),
-        "columns": [name.format(view.run.drive.name) for name in _COLUMNS],
-        "stages": [_cells(view.run.drive, *row) for row in zip(view.stages, printed, strict=True)],
-        "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
-        "modes": _modes(view.run.scene), "energy": _energy(view.run),
-        "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
-        "analysis_rows": list(rows(analysis)) if analysis else [],
-        "doubts": [*analysis.doubts, *view.run.faults(-math.inf, math.inf)] if analysis else [], "facts": _facts(view),
-    }  # fmt: skip
+        "view": view,
+        "headline": headline(view),
+        "origin": origin_of(view),
+        "tiles": list(_tiles(view)),
+        "columns": _COLUMNS.format(run.drive.name).split("; "),
+        "stages": [_cells(run.drive, *row) for row in zip(view.stages, printed, strict=True)],
+        "not_arrived": not_arrived(view),
+        "modes": _modes(run.scene),
+        "energy": _energy(run),
+        "latency": latency_of(run) if run.about.get("clock") == "real time" else None,
+        "analysis": list(rows(analysis)) if analysis else [],
+        "doubts": [*analysis.doubts, *run.faults(-math.inf, math.inf)] if analysis else [],
+        "about": _about(view),
+    }
 
 
 def analysis_of(run: Run) -> Analysis | None:
@@ -64,7 +70,7 @@ def analysis_of(run: Run) -> Analysis | None:
         return None
 
 
-def _tiles(view: View) -> Iterator[dict[str, Any]]:
+def _tiles(view: View) -> Iterator[Document]:
     """Yield the main results: one a stage, or the decrements of a free decay."""
     scene = view.run.scene
     if view.always_closed:
@@ -76,9 +82,9 @@ def _tiles(view: View) -> Iterator[dict[str, Any]]:
                 what = f"reduction, {view.run.drive.name} ±{scale * stage.excitation_amplitude:.4g} {unit}"
                 below = (
                     f"without the damper ±{1e3 * stage.bare_amplitude:.3g} mm → {_beam_amplitude(stage)}; "
-                    f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {stage.efficiency_text()}"
+                    f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {per_cent(stage.efficiency_range)}"
                 )
-                yield _tile(stage.reduction_text(), what, below)
+                yield _tile(per_cent(stage.reduction_range), what, below)
     elif scene is not None:
         own, closed = view.decrements
         free, still = measured_decrement(scene, scene.ceiling.heights[0][1]), measured_decrement(scene, 0.0)
@@ -94,29 +100,26 @@ def _beam_amplitude(stage: Stage) -> str:
     return f"±{least:.3g} to {largest:.3g} mm: irregular; this run: ±{1e3 * stage.amplitude:.3g} mm"
 
 
-def _tile(
-    value: str, what: str, below: str, measured: float | None = None, *, reference: bool = False
-) -> dict[str, Any]:
+def _tile(value: str, what: str, below: str, measured: float | None = None, *, reference: bool = False) -> Document:
     said = f"{measured:.4g}" if measured else ""
     return {"value": value, "what": what, "below": below, "reference": reference, "measured": said}
 
 
-def _modes(scene: Scene | None) -> list[dict[str, str]]:
+#: Form and unit of a mode's figures.
+_OF_MODE = ((".5g", "Hz"), (".5g", "Hz"), (".4g", "kg"), (".3g", "%"), (".4g", ""))
+
+
+def _modes(scene: Scene | None) -> list[list[str]]:
     """Return the rows of the table of modes; none where there is one."""
     found = modes_in(scene) if scene is not None else []
-    return [
-        {
-            "frequency": number(mode.frequency, ".5g", "Hz"),
-            "with the grain held": number(mode.held_frequency, ".5g", "Hz"),
-            "mass": number(mode.mass, ".4g", "kg"),
-            "damping ratio": number(100.0 * mode.damping_ratio, ".3g", "%"),
-            "drive": number(mode.drive_factor, ".4g", "").strip(),
-        }
+    figures = [
+        (mode.frequency, mode.held_frequency, mode.mass, 100.0 * mode.damping_ratio, mode.drive_factor)
         for mode in (found if len(found) > 1 else ())
     ]
+    return [[number(value, *form).strip() for value, form in zip(row, _OF_MODE, strict=True)] for row in figures]
 
 
-def _energy(run: Run) -> dict[str, Any] | None:
+def _energy(run: Run) -> Document | None:
     """Return where the energy of the run went; None of hardware."""
     ledger = run.ledger
     if ledger is None:
@@ -128,13 +131,10 @@ def _energy(run: Run) -> dict[str, Any] | None:
     ]
     total = sum(value for _, value, _ in parts) or 1.0
     left = abs(ledger.residual)
-    mantissa, exponent = f"{left:.0e}".split("e")
-    return {
-        "supplied": _supplied(ledger, run.drive), "impacts": run.impacts, "mantissa": mantissa,
-        "exponent": str(int(exponent)).replace("-", "−") if left else "",
-        "parts": [{"name": name, "value": value, "share": value / total, "colour": colour}
-                  for name, value, colour in parts if value > 0.0],
-    }  # fmt: skip
+    mantissa, power = f"{left:.0e}".split("e")
+    exponent = str(int(power)).replace("-", "−") if left else ""
+    shown = [(name, value, value / total, colour) for name, value, colour in parts if value > 0.0]
+    return {"supplied": _supplied(ledger, run.drive), "mantissa": mantissa, "exponent": exponent, "parts": shown}
 
 
 def _supplied(ledger: Ledger, drive: Drive) -> str:
@@ -147,7 +147,7 @@ def _supplied(ledger: Ledger, drive: Drive) -> str:
     return ", ".join(supplied)
 
 
-def _facts(view: View) -> dict[str, str]:
+def _about(view: View) -> dict[str, str]:
     """Return where the run comes from, and what was lost."""
     run, about, result, scene = view.run, view.run.about, view.run.result, view.run.scene
     clock, factor = about.get("clock", "–"), result.get("real_time_factor")
@@ -169,19 +169,18 @@ def _cells(drive: Drive, stage: Stage, printed: Printed | None) -> list[dict[str
     """Return a stage's cells, with what the thesis prints and the best that is known beneath."""
     scale, unit = shown_unit(drive.unit)
     error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
-    thesis = dict.fromkeys(("height", "closed", "beam", "efficiency"), "")
-    best = dict(thesis)
+    thesis: dict[str, str] = {}
+    best: dict[str, str] = {}
     if printed is not None:
-        thesis = {
-            "height": f"{printed.height_sign}{1e3 * printed.height:.0f} mm", "closed": f"{1e3 * printed.closed:.0f} mm",
-            "beam": f"{1e3 * printed.amplitude:.0f} mm", "efficiency": f"{100.0 * printed.efficiency:.0f} %",
-        }  # fmt: skip
-        best |= {
-            "height": f"{1e3 * printed.best_height:.0f} mm",
-            "efficiency": f"{100.0 * printed.best_efficiency:.0f} %",
-        }
-    efficiency = stage.efficiency_text() if stage.amplitude_spread else number(100.0 * stage.efficiency, ".1f", "%")
-    reduction = stage.reduction_text() if stage.amplitude_spread else number(100.0 * stage.reduction, ".1f", "%")
+        thesis["height"] = f"{printed.height_sign}{1e3 * printed.height:.0f} mm"
+        thesis["closed"] = f"{1e3 * printed.closed:.0f} mm"
+        thesis["beam"] = f"{1e3 * printed.amplitude:.0f} mm"
+        thesis["efficiency"] = f"{100.0 * printed.efficiency:.0f} %"
+        best["height"] = f"{1e3 * printed.best_height:.0f} mm"
+        best["efficiency"] = f"{100.0 * printed.best_efficiency:.0f} %"
+    efficiency, reduction = per_cent(stage.efficiency_range), per_cent(stage.reduction_range)
+    if stage.amplitude_spread is None:
+        efficiency, reduction = (number(100.0 * share, ".1f", "%") for share in (stage.efficiency, stage.reduction))
     cells = [
         (f"{stage.t0:.4g} to {stage.t1:.4g} s", ""),
         (number(scale * stage.excitation_amplitude, ".4g", unit), ""),
@@ -218,17 +217,6 @@ class ReportError(InputError):
     """A report that cannot be written."""
 
 
-@dataclass(frozen=True)
-class Report:
-    """What was made."""
-
-    page: Path
-    pictures: list[Path]
-    stages: list[Stage]
-    headline: str
-    missing: list[str]  # what is not in the bag and should be
-
-
 def check_folder(out: Path) -> None:
     """Raise ReportError where `out` holds anything but an earlier report or a run of the bench."""
     if not out.is_dir() or (out / _RUN).is_file():
@@ -241,21 +229,17 @@ def check_folder(out: Path) -> None:
         )
 
 
-def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
-    """Write `out`/report.html and the pictures of a recorded run; return what was made.
-
-    `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
-    Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
-    """
-    return write_report(view_of(bag, closed), out)
+def report(bag: Path, out: Path) -> Path:
+    """Write report.html and the pictures of a recorded run into `out`; return the page. Raises BagError too."""
+    return write_report(view_of(bag), out)
 
 
-def write_report(view: View, out: Path) -> Report:
-    """Write page and pictures of a run that has been read; see `report`."""
+def write_report(view: View, out: Path) -> Path:
+    """Write page and pictures of a run that has been read; return the page. Raises ReportError."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        pictures = save_pictures(view, out)
+        save_pictures(view, out)
         (out / PAGE).write_text(page(view), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"{out}: cannot write the report ({error.strerror}); choose another folder") from None
-    return Report(out / PAGE, pictures, view.stages, headline(view), view.run.missing)
+    return out / PAGE

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.analysis.rows import shown_unit
+from atpid_control.views.report.stages import per_cent
 from atpid_control.views.report.view import View
 from atpid_sim.system import Array
 
@@ -92,7 +93,7 @@ def _beam(view: View) -> Panel:
         curves.append(Curve("closed", time, closed, "given", _REFERENCE, label))
     curves.append(Curve(view.own_name, time, beam, "own", _THIN, 0.0 if closed is None else 0.5 * top))
     efficiencies = [
-        (0.5 * (begin + end), 1.3 * reach, stage.efficiency_text())
+        (0.5 * (begin + end), 1.3 * reach, per_cent(stage.efficiency_range))
         for stage, (begin, end) in zip(view.stages, view.windows, strict=True)
         if closed is not None and math.isfinite(stage.efficiency)
     ]
@@ -130,7 +131,7 @@ def _error(view: View) -> list[Panel]:
     largest = float(np.nanmax(np.abs(error) + bar, initial=0.0))
     if largest < _SEEN:
         return []
-    limit = rounded_up(largest)
+    limit = _rounded_up(largest)
     title, errors = "Error of the identified amplitude, ±2σ", (estimates.time[steady], error, bar)
     return [Panel(title, "%", 1.0, limits=(-limit, limit), errors=errors)]
 
@@ -151,7 +152,7 @@ def _frequency(view: View) -> list[Panel]:
     return [Panel("Frequency of the excitation", "Hz", 1.35, curves, (low - room, high + room))]
 
 
-def rounded_up(value: float) -> float:
+def _rounded_up(value: float) -> float:
     """Return the next of 0.1, 0.2, 0.5, 1, 2, 5, ... above `value`."""
     first = max(-1, math.ceil(math.log10(value)) - 1) if value > 0.0 else -1
     return next(

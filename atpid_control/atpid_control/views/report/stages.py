@@ -6,17 +6,15 @@ The run is simulated again: with the damper closed, as the baseline, and as reco
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_common.output import finite
-from atpid_control.runs.run import Run, open_run
+from atpid_common.files import Document
+from atpid_control.runs.run import Run
 from atpid_control.runs.tables import TRUTH
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -27,8 +25,8 @@ from atpid_sim.simulation.reproducibility import Verdict
 from atpid_sim.simulation.simulate import trajectory, verdicts
 from atpid_sim.system import Array
 
-#: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
-Closed = Callable[[Scene, Array], Array]
+#: Begin and end [s].
+Interval = tuple[float, float]
 
 
 def closed_height(scene: Scene) -> float:
@@ -49,12 +47,12 @@ def closed_by_simulation(scene: Scene, times: Array) -> Array:
     return np.asarray(np.interp(times, found.time, found.beam))
 
 
-def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
+def closed_motion(run: Run) -> Array | None:
     """Return the closed damper's beam (n,) [m] at the run's times; None without a scene or a simulation."""
     if run.scene is None:
         return None
     try:
-        return (closed or closed_by_simulation)(run.scene, run.motion.time)
+        return closed_by_simulation(run.scene, run.motion.time)
     except NumericalFailure:
         return None
 
@@ -63,7 +61,7 @@ def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
 _KINK = 1e-9
 
 
-def repeated(run: Run, windows: Sequence[tuple[float, float]]) -> list[Verdict | None]:
+def repeated(run: Run, windows: Sequence[Interval]) -> list[Verdict | None]:
     """Return the verdict on each window (begin, end) [s] of a recorded run, which is simulated and repeated.
 
     None for each of a run that was not simulated, of one without a scene, and where the simulation fails.
@@ -71,7 +69,7 @@ def repeated(run: Run, windows: Sequence[tuple[float, float]]) -> list[Verdict |
     nothing: list[Verdict | None] = [None] * len(windows)
     if run.truth is None or run.scene is None or not windows:
         return nothing
-    changes: dict[str, Any] = {"duration": windows[-1][1], "steady_window": list(windows[-1])}
+    changes: Document = {"duration": windows[-1][1], "steady_window": list(windows[-1])}
     if run.scene.ceiling.controlled:
         # the plant begins with its scene, whose samples a device may have taken some milliseconds later
         elapsed = run.truth.time - run.truth.time[0]
@@ -115,10 +113,6 @@ class Stage:
     reproducible: bool | None = None  # whether repeated simulations agree; None: unknown
     amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; NaN as None."""
-        return dict(finite(asdict(self)))
-
     @property
     def efficiency_range(self) -> tuple[float, float]:
         """Least and largest efficiency of repeated runs [-]; twice the efficiency where they agree."""
@@ -140,14 +134,6 @@ class Stage:
         """Whether the ceiling was where it had been commanded to; true where that is unknown."""
         return not abs(self.height - self.commanded_height) > _ARRIVED
 
-    def efficiency_text(self) -> str:
-        """Return the efficiency in per cent, as a range where repeated runs differ, a dash where it is unknown."""
-        return per_cent(self.efficiency_range)
-
-    def reduction_text(self) -> str:
-        """Return the reduction likewise."""
-        return per_cent(self.reduction_range)
-
 
 def per_cent(limits: tuple[float, float]) -> str:
     """Return a share, or the range between two [-], in per cent; a dash where it is unknown."""
@@ -157,30 +143,21 @@ def per_cent(limits: tuple[float, float]) -> str:
     return f"{least} %" if least == largest else f"{least} to {largest} %"
 
 
-def stages(source: Path | Run, closed: Closed | None = None) -> list[Stage]:
-    """Return the stages of a recorded run; none where nothing excites it steadily. Raises BagError."""
-    run = source if isinstance(source, Run) else open_run(source)
-    return measure(run, closed_motion(run, closed))
-
-
-def measure(run: Run, closed: Array | None) -> list[Stage]:
-    """Return the stages, given the closed damper's beam (n,) [m] at the run's times."""
+def measure(run: Run, closed: Array | None) -> tuple[list[Stage], list[Interval]]:
+    """Return the stages and where each is measured, given the closed damper's beam (n,) [m] at the run's times."""
     found = intervals(run)
-    windows = [window_of(run, *interval) for interval in found]
-    again = repeated(run, windows)
-    given = true_amplitude(run)
-    return [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
+    windows = [_window_of(run, *interval) for interval in found]
+    again, (given, _) = repeated(run, windows), true_excitation(run)
+    measured = [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
+    return measured, windows
 
 
-def true_amplitude(run: Run) -> Array | None:
-    """Return the excitation's true amplitude (n,) [m or N] at the motion's times, None where it is unknown."""
-    return None if run.scene is None else _true(run, run.scene, run.scene.excitation.amplitude_points)
-
-
-def true_frequency(run: Run) -> Array | None:
-    """Return the true frequency (n,) [Hz] of a tone at the motion's times, None where it is unknown."""
-    known = run.scene is not None and run.scene.excitation.is_tone
-    return _true(run, run.scene, frequency_points(run.scene)) if known and run.scene is not None else None
+def true_excitation(run: Run) -> tuple[Array | None, Array | None]:
+    """Return true amplitude (n,) [m or N] and frequency (n,) [Hz], of a tone, at the motion's times; None: unknown."""
+    if (scene := run.scene) is None:
+        return None, None
+    amplitude = _true(run, scene, scene.excitation.amplitude_points)
+    return amplitude, _true(run, scene, frequency_points(scene)) if scene.excitation.is_tone else None
 
 
 def _true(run: Run, scene: Scene, points: Sequence[tuple[float, float]]) -> Array | None:
@@ -190,17 +167,17 @@ def _true(run: Run, scene: Scene, points: Sequence[tuple[float, float]]) -> Arra
     return np.asarray(np.interp(run.motion.time, times, values))
 
 
-def intervals(run: Run) -> list[tuple[float, float]]:
+def intervals(run: Run) -> list[Interval]:
     """Return (begin, end) [s] of the intervals of constant amplitude above zero that the run reached the end of."""
     if run.scene is None or not run.scene.excitation.is_tone:
         return []
     return constant_intervals(run.scene, min(run.scene.duration, run.duration))
 
 
-def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
+def constant_intervals(scene: Scene, end: float) -> list[Interval]:
     """Return (begin, end) [s] of the intervals of constant frequency and amplitude above zero of a tone, to `end`."""
     kinks = {t for t, _ in (*scene.excitation.amplitude_points, *frequency_points(scene)) if 0.0 < t < end}
-    found: list[tuple[float, float]] = []
+    found: list[Interval] = []
     joined = False  # whether the interval before was constant, so that this one continues it
     for t0, t1 in pairwise(sorted({0.0, end, *kinks})):
         amplitudes, frequencies = ({of(scene, t0), of(scene, t1)} for of in (amplitude_at, frequency_at))
@@ -211,7 +188,7 @@ def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
     return found
 
 
-def window_of(run: Run, t0: float, t1: float) -> tuple[float, float]:
+def _window_of(run: Run, t0: float, t1: float) -> Interval:
     """Return the window [s] a stage is measured in: its last 2 s; the scene's own where there is one stage only."""
     scene = run.scene
     if scene is not None and len(intervals(run)) == 1 and "steady_window" in scene.model_fields_set:
@@ -221,8 +198,9 @@ def window_of(run: Run, t0: float, t1: float) -> tuple[float, float]:
     return max(t0, t1 - min(WINDOW, 0.5 * (t1 - t0))), t1
 
 
-def _measure(run: Run, closed: Array | None, interval: tuple[float, float], window: tuple[float, float],
-             again: Verdict | None, given: Array | None) -> Stage:  # fmt: skip
+def _measure(
+    run: Run, closed: Array | None, interval: Interval, window: Interval, again: Verdict | None, given: Array | None
+) -> Stage:
     (t0, t1), (begin, end) = interval, window
     inside = _within(run.motion.time, begin, end)
     amplitude = half_peak_to_peak(run.motion.beam[inside])
@@ -294,32 +272,31 @@ class Printed:
         return efficiency(self.amplitude, self.closed)
 
 
-SECTION_4_3 = (
+_SECTION_4_3 = (
     Printed(0.015, 0.30, 0.07, 0.30, 0.29, 0.80),
     Printed(0.040, 0.70, 0.17, 0.85, 0.76, 0.81, "> "),
     Printed(0.030, 0.57, 0.13, 0.65, 0.57, 0.81),
 )
-MASS_FRACTION, STIFFNESS = 0.1, 427.6
+_MASS_FRACTION, _STIFFNESS = 0.1, 427.6
 
 
 def beside(run: Run, stages: list[Stage]) -> list[Printed] | None:
     """Return the thesis's stages where `run` is its adaptive bench, else None."""
     scene = run.scene
-    if scene is None or not scene.ceiling.controlled or len(stages) != len(SECTION_4_3):
+    if scene is None or not scene.ceiling.controlled or len(stages) != len(_SECTION_4_3):
         return None
-    same_system = np.isclose([scene.grain.mass_fraction, scene.beam.stiffness], [MASS_FRACTION, STIFFNESS]).all()
+    same_system = np.isclose([scene.grain.mass_fraction, scene.beam.stiffness], [_MASS_FRACTION, _STIFFNESS]).all()
     given = [stage.excitation_amplitude for stage in stages]
-    same_stages = np.allclose(given, [printed.excitation for printed in SECTION_4_3], rtol=1e-6)
-    return list(SECTION_4_3) if same_system and same_stages else None
+    same_stages = np.allclose(given, [printed.excitation for printed in _SECTION_4_3], rtol=1e-6)
+    return list(_SECTION_4_3) if same_system and same_stages else None
 
 
 #: Largest ratio of successive peaks measured on the stand (section 2.3.1), by mass fraction and height [m].
-MEASURED_DECREMENTS = {
-    (0.025, 0.05): 1.345, (0.025, 0.10): 1.38, (0.025, 0.15): 1.40, (0.025, 0.20): 1.42,
-    (0.05, 0.20): 1.52, (0.1, 0.20): 1.8, (0.2, 0.20): 2.5,
-}  # fmt: skip
-MEASURED_CLOSED = 1.31
-MEASURED_STIFFNESS, MEASURED_DEFLECTION = 117.6, 0.2
+_OVER_HEIGHTS, _OVER_MASSES = {0.05: 1.345, 0.10: 1.38, 0.15: 1.40, 0.20: 1.42}, {0.05: 1.52, 0.1: 1.8, 0.2: 2.5}
+_MEASURED_DECREMENTS = {(0.025, height): ratio for height, ratio in _OVER_HEIGHTS.items()}
+_MEASURED_DECREMENTS |= {(mass_fraction, 0.20): ratio for mass_fraction, ratio in _OVER_MASSES.items()}
+_MEASURED_CLOSED = 1.31
+_MEASURED_STIFFNESS, _MEASURED_DEFLECTION = 117.6, 0.2
 
 
 def measured_decrement(scene: Scene, height: float) -> float | None:
@@ -330,9 +307,9 @@ def measured_decrement(scene: Scene, height: float) -> float | None:
     if not scene.excitation.is_free:
         return None
     given = (scene.beam.stiffness, scene.excitation.deflection)
-    if not np.allclose(given, (MEASURED_STIFFNESS, MEASURED_DEFLECTION)):
+    if not np.allclose(given, (_MEASURED_STIFFNESS, _MEASURED_DEFLECTION)):
         return None
     if height <= 2.0 * scene.grain.radius:
-        return MEASURED_CLOSED
+        return _MEASURED_CLOSED
     here = (scene.grain.mass_fraction, height)
-    return next((value for measured, value in MEASURED_DECREMENTS.items() if np.allclose(measured, here)), None)
+    return next((value for measured, value in _MEASURED_DECREMENTS.items() if np.allclose(measured, here)), None)

@@ -11,7 +11,6 @@ import numpy as np
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.tables import TRUTH
 from atpid_control.views.report.stages import (
-    Closed,
     Printed,
     Stage,
     beside,
@@ -19,9 +18,7 @@ from atpid_control.views.report.stages import (
     closed_motion,
     measure,
     per_cent,
-    true_amplitude,
-    true_frequency,
-    window_of,
+    true_excitation,
 )
 from atpid_sim.simulation.quantities import largest_decrement
 from atpid_sim.system import Array
@@ -91,16 +88,18 @@ class View:
         length = _PERIODS / self.run.scene.frequency_hz
         if self.decrements is not None:
             return 0.0, min(length, self.run.duration)
-        end = next((end for stage, (_, end) in reversed([*zip(self.stages, self.windows, strict=True)])
-                    if math.isfinite(stage.amplitude)), self.run.duration)  # fmt: skip
+        measured = zip(self.stages, self.windows, strict=True)
+        ends = [end for stage, (_, end) in measured if math.isfinite(stage.amplitude)]
+        end = ends[-1] if ends else self.run.duration
         return max(0.0, end - length), end
 
 
-def view_of(source: Path | Run, closed: Closed | None = None) -> View:
+def view_of(source: Path | Run) -> View:
     """Return what a report of a recorded run shows. Raises BagError."""
     run = source if isinstance(source, Run) else open_run(source)
-    baseline = closed_motion(run, closed)
-    stages = measure(run, baseline)
+    baseline = closed_motion(run)
+    stages, windows = measure(run, baseline)
+    amplitude, frequency = true_excitation(run)
     rest = run.scene.static_deflection if run.scene is not None else -float(np.nanmean(run.motion.beam))
     beam = run.motion.beam + rest
     still = baseline + rest if baseline is not None else None
@@ -109,10 +108,10 @@ def view_of(source: Path | Run, closed: Closed | None = None) -> View:
         run=run,
         beam=beam,
         closed=still,
-        true_amplitude=true_amplitude(run),
-        true_frequency=true_frequency(run),
+        true_amplitude=amplitude,
+        true_frequency=frequency,
         stages=stages,
-        windows=[window_of(run, stage.t0, stage.t1) for stage in stages],
+        windows=windows,
         printed=beside(run, stages),
         decrements=(largest_decrement(beam), largest_decrement(still)) if free and still is not None else None,
     )
@@ -121,11 +120,8 @@ def view_of(source: Path | Run, closed: Closed | None = None) -> View:
 def origin_of(view: View) -> list[str]:
     """Return the scene of a run, when it was recorded, and how long it took, as far as they are known."""
     about = view.run.about
-    parts = (
-        about.get("scene", "no scene"),
-        about.get("created", "")[:16].replace("T", " "),
-        f"{view.run.duration:.4g} s",
-    )
+    created = about.get("created", "")[:16].replace("T", " ")
+    parts = (about.get("scene", "no scene"), created, f"{view.run.duration:.4g} s")
     return [part for part in parts if part]
 
 
@@ -163,4 +159,4 @@ def not_arrived(view: View) -> list[str]:
         f"the ceiling was at {1e3 * stage.height:.4g} mm{speed}"
         for stage in view.stages
         if not stage.arrived
-    ]  # fmt: skip
+    ]

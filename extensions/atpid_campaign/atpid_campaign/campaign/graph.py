@@ -91,7 +91,7 @@ class GraphStand(Stand):
             to_stderr(f"left out: the firmware on its emulated board; it needs {' '.join(missing_tools())}")
         excitation = {"commanded": True, "amplitude": max(campaign.amplitudes), "frequency": point.frequency}
         scene, file = self._of_graph(point, excitation=excitation, duration=_FOREVER)
-        parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board)
+        parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board, given={})
         parameters["plant_node"]["expect_recorder"] = False
         parameters[LABJACK.name] |= {"expect_recorder": False, "autostart": False}
         written = self._written(parameters)

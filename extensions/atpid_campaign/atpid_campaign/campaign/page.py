@@ -16,7 +16,7 @@ from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.page import PAGE, report
-from atpid_control.views.static_page import rendered
+from atpid_control.views.static_page import Link, document, filled, scripts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress
 
@@ -29,6 +29,12 @@ _AXES = (
     ("wanted_grain_mass", "mass of the grain, g", 1e3, "Efficiency over the grain's mass"),
     ("wanted_amplitude", "amplitude of the excitation, {}", 1.0, "Efficiency over the amplitude"),
     ("wanted_ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
+)
+
+
+_CLICK = (
+    'document.querySelectorAll(".chart").forEach((chart) => chart.on("plotly_click", (event) => {'
+    " const page = event.points[0].customdata; if (page) location.href = page; }));"
 )
 
 
@@ -99,23 +105,26 @@ def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], un
         "points": f"{len(rows)} measured, {len(skipped)} skipped",
         "agreement": f"{agreeing(rows)} of {len(rows)} within {AGREE:g} standard deviations of simulation",
     }
+    title, shown = "A stand over many points", [_row(row, unit) for row in rows]
     names = {
-        "title": "A stand over many points",
+        "title": title,
         "about": about,
         "wrong": [*skipped, *(f"point {n}: left out, damaged: {wrong}" for n, wrong in folder.damaged.items())],
         "charts": {name: title for name, _, _, title in _AXES if name in figures},
-        "rows": [_row(row, unit) for row in rows],
+        "heads": list(shown[0]) if shown else [],
+        "rows": [list(row.values()) for row in shown],
+        "scripts": scripts(finite(figures), _CLICK),
     }
-    return rendered("campaign.html", "atpid_campaign", names, figures)
+    return document(title, [filled("campaign.html", "atpid_campaign", names)])
 
 
 def _address(row: Record) -> str:
     return f"points/{row['number']:04d}/report/{PAGE}"
 
 
-def _row(row: Record, unit: str) -> dict[str, str | dict[str, str]]:
+def _row(row: Record, unit: str) -> dict[str, str | Link]:
     return {
-        "point": {"text": row["point"].replace(" at", f" {unit} at", 1), "address": _address(row)},
+        "point": Link(row["point"].replace(" at", f" {unit} at", 1), _address(row)),
         f"excitation [{unit}]": f"{row['excitation_amplitude']:.5g}",
         "frequency [Hz]": f"{row['excitation_frequency']:.4f}",
         "height [mm]": f"{1e3 * row['height']:.4g}",

@@ -20,7 +20,6 @@ from atpid_control.selection.map_cache import map_for
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.parameters import write_parameters
 from atpid_control.stand.parts import parameters_for
-from atpid_control.stand.running import run_lockstep
 from atpid_sim.scene import Scene
 
 #: Between two looks whether a rest is over [s].
@@ -99,6 +98,8 @@ class SimulatedStand(Stand):
 
     def measure(self, point: Point, folder: Path, judge: Judge) -> None:
         """See `Stand.measure`."""
+        from atpid_control.stand.nodes.composition import run_lockstep  # needs ROS
+
         rules = self._campaign.rules
         duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
         scene = _point_scene(self._scene, point, duration, self._campaign.seed)

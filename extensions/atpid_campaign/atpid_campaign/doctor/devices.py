@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
-from atpid_control.stand.calibration_findings import judged_calibration, reach_of
-from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged
+from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged, judged_calibration, reach_of
 from atpid_control.supervision.loop_check import Ceiling, disagreements
 from atpid_driver.acquisition.protocol import wired
 from atpid_driver.acquisition.registry import create

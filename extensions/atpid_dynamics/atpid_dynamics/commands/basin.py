@@ -20,7 +20,7 @@ from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.batch import Batch
 
 if TYPE_CHECKING:
-    from atpid_sim.periodic.basin import Basin, Starts
+    from atpid_dynamics.basin import Basin, Starts
 
 #: Size of a kick where neither that nor a box is given [m/s].
 _KICK = 0.1
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the shares and print them; return 0. Raises SceneError, OutputError, NumericalFailure."""
-    from atpid_sim.periodic.basin import Starts
+    from atpid_dynamics.basin import Starts
 
     scene = load_scene(args.scene)
     if not scene.excitation.is_tone:
@@ -69,14 +69,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         for one in found:
             drive = f"{scene.drive} {one.drive_amplitude:.4g} {'N' if scene.drive == 'force' else 'm'}"
-            print(f"{one.height:.5g} m, {drive}: {one.sentence(starts)}")
+            print(f"{one.height:.5g} m, {drive}: {one.sentence(starts.kick, starts.box)}")
     return 0
 
 
 def _at(
     scene: Scene, starts: "Starts", error: float, count: int | None, seed: int, at: tuple[float | None, float | None]
 ) -> "Basin":
-    from atpid_sim.periodic.basin import basin
+    from atpid_dynamics.basin import basin
 
     height, amplitude = at
     changed = scene if height is None else scene.with_(height=height)

@@ -29,15 +29,11 @@ _KNOWN = 4
 @kernel
 def _pass(run, table, places, section, y, n, budget, after):
     """Map a section state (d,) through the table; `after` (d,) and y get the end. Returns an outcome, or IN_CONTACT."""
-    fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0))
     y[:], n[:] = places.flight, 0
     n[at.MODE] = at.FREE
-    enter_section(system.modes, places, section, y)
-    outcome = integrate(
-        fidelity, table, system, mass, law, p, rtol, y, n, (0.0, table[0, at.END]), (0.0, 1.0), unsampled, nothing,
-        budget, contacts,
-    )  # fmt: skip
+    enter_section(run[1].modes, places, section, y)
+    outcome = integrate(run, table, y, n, (0.0, table[0, at.END]), (0.0, 1.0), unsampled, nothing, budget)
     leave_section(places, y, after)
     return IN_CONTACT if outcome == 0 and n[at.MODE] != at.FREE else outcome
 
@@ -73,7 +69,7 @@ def _extrapolated(heights, sections, k):
 def solve_along(run, table, places, heights, first, scale, close, budget, sections, solved):
     """Solve for the periodic motions at rising or falling heights (k,) [m], from a section state near the first (d,).
 
-    run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`; table (1, DRIVE_COLUMNS): from one
+    run: as `integrate` takes it; table (1, DRIVE_COLUMNS): from one
     passage of the section to the next, from time zero on; places: `sections.Sections`, of a state that keeps no ledger
     if that is so; scale (d,): size of the motion; close: length of the last step, relative. Into
     sections (k, d) go the motions, into solved (3, k) amplitude [m], length of the last step, largest modulus of the

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
+from atpid_dynamics.engine.basin_run import FAILED, follow_starts, neighbourhood_size
 from atpid_sim.engine import columns
-from atpid_sim.engine.basin_run import FAILED, follow_starts, neighbourhood_size
 from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY, displaced_together
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure

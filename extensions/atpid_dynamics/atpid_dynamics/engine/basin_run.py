@@ -38,13 +38,12 @@ def _inside(sections, y, n, place):
 def follow_starts(run, sections, rows, places, y, n, most, budget, where, when):
     """Follow states y (runs, m), n (runs, COUNTERS), changed in place, for `most` periods at most.
 
-    run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`; sections: how section states lie in
+    run: as `integrate` takes it; sections: how section states lie in
     y; rows (k, DRIVE_COLUMNS): a period from time zero on, where each state has its own time; at the end of row j,
     which may have no length, lies the neighbourhood places[j] (`neighbourhood_size`); a NaN in its metric: none. where
     (runs,) gets the number of the first neighbourhood that a state lies in, NOWHERE or FAILED; when (runs,) how many
     periods after its begin. Returns the steps of all together; budget: of each row.
     """
-    fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled, never = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0)), (math.inf, math.inf)
     period, steps = rows[-1, at.END], 0
     for k in range(y.shape[0]):
@@ -55,10 +54,8 @@ def follow_starts(run, sections, rows, places, y, n, most, budget, where, when):
                 if rows[j, at.END] < state[at.TIME]:
                     continue
                 counts[at.CONTACT_STEPS], counts[at.FLIGHT_STEPS], counts[at.REJECTED] = 0, 0, 0
-                outcome = integrate(
-                    fidelity, rows[j : j + 1], system, mass, law, p, rtol, state, counts, never, (0.0, 1.0), unsampled,
-                    nothing, budget, contacts,
-                )  # fmt: skip
+                row = rows[j : j + 1]
+                outcome = integrate(run, row, state, counts, never, (0.0, 1.0), unsampled, nothing, budget)
                 steps += counts[at.CONTACT_STEPS] + counts[at.FLIGHT_STEPS] + counts[at.REJECTED]
                 if outcome != 0:
                     where[k] = FAILED

@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from sim_program import main
 from sim_refusals import command_refused
+from test_modal_engine import forced
 
-from atpid_sim.periodic.basin import Starts, basin, sampled
-from atpid_sim.periodic.neighbourhood import Flow, cycle_of, neighbourhoods
+from atpid_dynamics.basin import Starts, basin, sampled
+from atpid_dynamics.neighbourhood import Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions
 from atpid_sim.periodic.solve import SteadyState
 from atpid_sim.periodic.steady import steady_state
@@ -22,7 +23,7 @@ from atpid_sim.scene import Scene, load_scene, standard_bench
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
-SCENES = Path(__file__).parents[2] / "scenes"
+SCENES = Path(__file__).parents[3] / "scenes"
 #: Naive steps in a period of the support.
 STEPS = 60
 
@@ -41,13 +42,6 @@ FURTHER = [
     {"mass": 1.5, "frequency": 29.0, "damping_ratio": 0.02, "drive_factor": -0.15},
     {"mass": 5.0, "frequency": 47.0, "damping_ratio": 0.02, "drive_factor": 0.1},
 ]
-
-
-def forced(scene: Scene) -> Scene:
-    """The same with the force that the support's motion exerts through spring and damper."""
-    beam, amplitude = scene.beam, scene.excitation.amplitude_points[-1][1]
-    force = amplitude * abs(complex(beam.stiffness, 2.0 * math.pi * scene.frequency_hz * beam.damping))
-    return scene.with_(drive="force", amplitude=force)
 
 
 def conditions_of(scene: Scene) -> Conditions:
@@ -246,10 +240,8 @@ def test_every_state_of_a_neighbourhood_comes_to_its_motion(scene: Scene, fideli
     integration = Integration(scene, fidelity)
     cycle = cycle_of(integration, conditions, state)
     flow, ways = Flow(integration, conditions, cycle.phase), np.random.default_rng(7).normal(size=(400, 4))
-    place, size = (
-        neighbourhoods(flow, cycle)[0][0],
-        cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2),
-    )
+    place = neighbourhoods(flow, cycle)[0][0]
+    size = cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2)
     root = np.linalg.cholesky(place[4:20].reshape(4, 4))
     states = place[:4] + np.linalg.solve(root.T, 0.999 * (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
     assert np.abs((states - place[:4]) / size).max() > 1e-3
@@ -266,8 +258,10 @@ def test_where_the_own_run_comes_to_none_the_lowest_is_promised() -> None:
     assert 0.25 < found.share < 0.55
 
 
-def test_a_run_s_kicks_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    scene = str(SCENES / "standard.yaml")
-    assert main(["simulate", scene, "--steady", "--kick", "0.1", "--json"]) == 0
+def test_a_run_s_kicks_are_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["simulate", str(SCENES / "standard.yaml"), "--kick", "0.1"]
+    assert main([*words, "--steady", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kicked"]["share"] == 1.0
-    command_refused(capsys, ["simulate", scene, "--kick", "0.1"], 2, "--kick", "0.1", "--steady")
+    command_refused(capsys, words, 2, "--kick", "0.1", "--steady")
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: [])
+    command_refused(capsys, [*words, "--steady"], 2, "--kick", "atpid_dynamics", "not installed")

@@ -4,7 +4,7 @@
 
 The promised motion is the one that the scene's own run comes to or, where that comes to none, the one of the lowest
 amplitude among those that random starts come to. A start has arrived once it passes a section of that motion inside its
-verified neighbourhood (`periodic.neighbourhood`). It has not come if it enters that of another motion, or none in
+verified neighbourhood (`neighbourhood`). It has not come if it enters that of another motion, or none in
 `LIMIT` settling times.
 
 The number of starts is chosen at looks fixed in advance: the first whose Clopper-Pearson interval is narrow enough ends
@@ -15,17 +15,15 @@ wherever the sampling ends. All heights take the same random numbers.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
-from scipy.stats import binomtest, norm
 
+from atpid_dynamics.engine.basin_run import NOWHERE
+from atpid_dynamics.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
 from atpid_sim.engine import columns
-from atpid_sim.engine.basin_run import NOWHERE
 from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY
 from atpid_sim.engine.state import State
 from atpid_sim.modal import container_mass
-from atpid_sim.periodic.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions, ReturnMap
 from atpid_sim.periodic.solve import PeriodicMotion, SteadyEnding, SteadyState, periodic_motion, size_of, solve
 from atpid_sim.periodic.steady import steady_state
@@ -49,11 +47,9 @@ _LOOKING, _RUN = 16, 400
 _LONGEST, _RECURRED = 8, 0.02
 
 
-class Source(Enum):
-    """Which motion is promised."""
-
-    OWN = "the motion that the scene's own run comes to"
-    LOWEST = "the motion of the lowest amplitude that random starts come to; the scene's own run comes to none"
+#: Which motion is promised.
+_OWN = "the motion that the scene's own run comes to"
+_LOWEST = "the motion of the lowest amplitude that random starts come to; the scene's own run comes to none"
 
 
 @dataclass(frozen=True)
@@ -76,27 +72,27 @@ class Basin:
 
     height: float  # of the ceiling [m]
     drive_amplitude: float  # of the support [m], or of a force [N]
-    share: float  # [-]; NaN where no motion is promised
-    low: float  # of its 95 % interval [-]
-    high: float
-    starts: int
-    elsewhere: int  # of them came to another motion
-    undecided: int  # of them came to none
-    times: tuple[float, ...]  # by which 50, 90 and 95 % of all starts have arrived [s]; infinite where fewer do
-    limit: float  # when a start that has not arrived has not come [s]
-    promised: str  # which motion, or why none
-    amplitude: float  # of the promised motion [m]
-    periods: int
-    multipliers: tuple[float, ...]  # their moduli, the largest first
-    radius: float  # of its verified neighbourhood, over the motion's size [-]
-    fidelity: str
-    steps: int  # of the engine, for all starts
+    share: float = math.nan  # [-]; NaN where no motion is promised
+    low: float = 0.0  # of its 95 % interval [-]
+    high: float = 1.0
+    starts: int = 0
+    elsewhere: int = 0  # of them came to another motion
+    undecided: int = 0  # of them came to none
+    times: tuple[float, ...] = (math.inf,) * 3  # by which 50, 90 and 95 % of all starts have arrived [s]; inf: fewer do
+    limit: float = math.nan  # when a start that has not arrived has not come [s]
+    promised: str = ""  # which motion, or why none
+    amplitude: float = math.nan  # of the promised motion [m]
+    periods: int = 0
+    multipliers: tuple[float, ...] = ()  # their moduli, the largest first
+    radius: float = math.nan  # of its verified neighbourhood, over the motion's size [-]
+    fidelity: str = ""
+    steps: int = 0  # of the engine, for all starts
 
-    def sentence(self, starts: Starts) -> str:
-        """Return the share of these starts in a line of text."""
+    def sentence(self, kick: float | None = None, box: float = 1.0) -> str:
+        """Return the share of `Starts` in a line of text."""
         if not self.starts:
             return f"no motion to come to: {self.promised}"
-        what = f"kicks of {starts.kick:g} m/s come back" if starts.kick else f"starts in a box of {starts.box:g} come"
+        what = f"kicks of {kick:g} m/s come back" if kick else f"starts in a box of {box:g} come"
         by = ", ".join("never" if math.isinf(time) else f"{time:.3g} s" for time in self.times)
         return (
             f"{100 * self.share:.1f} % of {what} ({100 * self.low:.1f} to {100 * self.high:.1f} %, {self.starts} "
@@ -116,19 +112,18 @@ def basin(
     level = choose(scene, fidelity, stays_closed=False).fidelity
     search = steady_state(scene, level)
     conditions = Conditions(scene.excitation.amplitude_points[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
-    integration, source = Integration(scene, level, None if scene.modes is None else _SMOOTH), Source.OWN
+    integration, source = Integration(scene, level, None if scene.modes is None else _SMOOTH), _OWN
     drawn = np.random.default_rng(seed).random((count or _looks(error)[-1], len(integration.sections.places) + 2))
     own: SteadyState | PeriodicMotion | None = search.state
     if own is not None and scene.modes is not None:  # found to within what the level leaves out: not near enough
         own = solve(ReturnMap(integration, conditions, own.phase, own.periods), own.section).motion or own
     cycle = None if own is None else cycle_of(integration, conditions, own)
     if cycle is None and search.ending != SteadyEnding.CHANGING:
-        cycle, source = _lowest(Flow(integration, conditions, 0.0), drawn[:_LOOKING]), Source.LOWEST
+        cycle, source = _lowest(Flow(integration, conditions, 0.0), drawn[:_LOOKING]), _LOWEST
     trial = None if cycle is None else _Trial(integration, conditions, cycle, starts)
     if trial is None or not trial.own:
         why = search.ending.value if trial is None else "the neighbourhood of the motion could not be verified"
-        return Basin(conditions.height, conditions.amplitude, math.nan, 0.0, 1.0, 0, 0, 0, (math.inf,) * 3, math.nan,
-                     why, math.nan, 0, (), math.nan, level, 0)  # fmt: skip
+        return Basin(conditions.height, conditions.amplitude, promised=why, fidelity=level)
     return trial.result(source, *sampled(lambda size: trial.run(drawn[:size]), error, count))
 
 
@@ -137,6 +132,8 @@ def sampled(came: Callable[[int], int], error: float, count: int | None = None) 
 
     came: runs so many starts in all, and returns how many of them have come.
     """
+    from scipy.stats import binomtest  # here, as below: it loads slowly, and a sweep needs none of it
+
     sizes, misses = _looks(error), [_EARLY / (_LOOKS - 1)] * (_LOOKS - 1) + [_MISSED - _EARLY]
     low, high = 0.0, 1.0
     for size, missed in zip(sizes, misses, strict=True) if count is None else [(count, _MISSED)]:
@@ -148,6 +145,8 @@ def sampled(came: Callable[[int], int], error: float, count: int | None = None) 
 
 def _looks(error: float) -> list[int]:
     """Return the numbers of starts at which the interval is looked at; the last suffices."""
+    from scipy.stats import norm
+
     last = (0.5 * norm.isf(0.5 * (_MISSED - _EARLY)) / error) ** 2 + 1.0 / error
     return [math.ceil(last / 2**k) for k in reversed(range(_LOOKS))]
 
@@ -223,7 +222,7 @@ class _Trial:
         flow.integration.sections.enter(y, states)
         return y, n
 
-    def result(self, source: Source, low: float, high: float) -> Basin:
+    def result(self, source: str, low: float, high: float) -> Basin:
         """Return the result with an interval of the share [-]."""
         flow, cycle, count, when = self.flow, self.cycle, len(self.when), np.sort(self.when)
         came = int(np.isfinite(when).sum())
@@ -231,7 +230,7 @@ class _Trial:
             flow.conditions.height, flow.conditions.amplitude, came / count, low, high, count, self.elsewhere,
             count - came - self.elsewhere,
             tuple(float(when[math.ceil(part * count) - 1]) * flow.period for part in (0.5, 0.9, 0.95)),
-            self.limit * flow.period, source.value, cycle.amplitude, cycle.periods,
+            self.limit * flow.period, source, cycle.amplitude, cycle.periods,
             tuple(np.abs(cycle.multipliers).tolist()), self.radius, flow.integration.fidelity, flow.steps,
         )  # fmt: skip
 
