@@ -400,8 +400,8 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_check_and_verify_state_that_another_program_recorded_it(foreign: Path, capsys: Capture) -> None:
-    assert [main(["bag", command, str(foreign)]) for command in ("check", "verify")] == [0, 0]
+def test_check_states_that_another_program_recorded_it(foreign: Path, capsys: Capture) -> None:
+    assert main(["bag", "check", str(foreign)]) == 0
     said = capsys.readouterr().out
     assert re.search(r"finished: 8 s .* 160 .*; recorded by another", said)
     assert re.search(r"no findings; 160 ", said)
@@ -418,7 +418,7 @@ def test_a_definition_of_our_own_that_cannot_be_read_is_damage(tmp_path: Path) -
         channel = writer.register_channel("/a", "cdr", writer.register_schema("a/msg/B", "ros2msg", DEFINITION))
         writer.add_message(channel, 0, b"\0\1\0\0", 0)
         writer.finish()  # type: ignore[no-untyped-call]
-    assert main(["bag", "verify", str(tmp_path)]) == 2
+    assert main(["bag", "check", "--file", str(tmp_path)]) == 2
 
 
 @pytest.mark.parametrize("name", list(FOREIGN))
@@ -514,26 +514,26 @@ def serialised(name: str, data: Any) -> bytes:
 
 def test_a_bag_in_sqlite3_is_read_and_one_that_is_damaged_is_one_line(tmp_path: Path, capsys: Capture) -> None:
     bag = in_rosbag2(tmp_path / "old", StoragePlugin.SQLITE3, "Bool", serialised("Bool", True), None)
-    assert main(["bag", "verify", str(bag)]) == 0
+    assert main(["bag", "check", "--file", str(bag)]) == 0
     assert re.search(r"\b1 messages .*0\.000 s", capsys.readouterr().out)
     ((_, message),) = open_bag(bag).messages("/a")
     assert message.data is True
     file = next(bag.glob("*.db3"))
     file.write_bytes(file.read_bytes()[:5000])
-    refused(capsys, ["bag", "verify", bag], "`.recover`", "sqlite3")
+    refused(capsys, ["bag", "check", "--file", bag], "`.recover`", "sqlite3")
 
 
 @pytest.mark.parametrize("storage", list(StoragePlugin))
 def test_compressed_messages_are_read_and_files_named(storage: StoragePlugin, tmp_path: Path, capsys: Capture) -> None:
     text = serialised("String", "b" * 1000)
     bag = in_rosbag2(tmp_path / "message", storage, "String", text, CompressionMode.MESSAGE)
-    assert main(["bag", "verify", str(bag)]) == 0
+    assert main(["bag", "check", "--file", str(bag)]) == 0
     ((_, message),) = open_bag(bag).messages("/a")
     assert message.data == "b" * 1000
     bag = in_rosbag2(tmp_path / "file", storage, "String", text, CompressionMode.FILE)
-    refused(capsys, ["bag", "verify", bag], ".zstd", "`rosbags-convert --src")
+    refused(capsys, ["bag", "check", "--file", bag], ".zstd", "`rosbags-convert --src")
     bag = in_rosbag2(tmp_path / "damaged", storage, "Bool", b"\x28\xb5\x2f\xfd" + bytes(9), None)
-    refused(capsys, ["bag", "verify", bag], "std_msgs/msg/Bool")
+    refused(capsys, ["bag", "check", "--file", bag], "std_msgs/msg/Bool")
 
 
 MORE_COMMANDS = [["replay", "{none}", "--out", "{out}"], ["bag", "compare", str(BAG), "{none}", "--out", "{out}"],

@@ -36,7 +36,6 @@ QUICK = {
     ("atpid", "select"): "pca",
     ("python -m studies", "thesis"): "free_decay",
     ("atpid", "bag report"): "report.html",
-    ("atpid", "bag verify"): "decoded",
     ("atpid", "bag check"): "160",
 }
 
@@ -130,7 +129,7 @@ COMPLETED = {
     "atpid bag export bags/rumble --format parq": "parquet",
     "atpid bag compare bags/rumble bags/cut": "bags/cut_off",
     "atpid bag report bags/thesis_4_3_short/meta": "bags/thesis_4_3_short/metadata.yaml",
-    "atpid bag ver": "verify",
+    "atpid bag che": "check",
 }
 
 

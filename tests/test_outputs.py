@@ -55,7 +55,7 @@ def test_a_disk_that_fills_up_costs_no_point_of_a_map(tmp_path: Path) -> None:
 
 COMMANDS = {
     "rich": "atpid simulate scenes/standard.yaml --fidelity impact",
-    "control": "atpid bag verify bags/thesis_4_3_short",
+    "control": "atpid bag check bags/thesis_4_3_short",
     "help": "atpid --help",
 }
 #: Unbuffered it is the first print that fails, not the last flush: one command for each way to print.

@@ -29,8 +29,7 @@ COMMANDS: Commands = {
     "Read, check and mend bags": {
         "bag report": (f"{_CONTROL}.analyse:REPORT", "make the report of a bag: an HTML page and pictures"),
         "bag analyse": (f"{_CONTROL}.analyse", "frequency response, spectra, decrement and orders of a bag"),
-        "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether the run in a bag kept its rules"),
-        "bag verify": (f"{_CONTROL}.bag_files:VERIFY", "whether the file is whole: messages by topic, what is lost"),
+        "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether a bag is whole, and the run in it kept its rules"),
         "bag recover": (f"{_CONTROL}.bag_files:RECOVER", "make a whole bag of one that is cut off or damaged"),
         "bag repair": (f"{_CONTROL}.bag_files:REPAIR", "the same in its place"),
         "bag extract": (f"{_CONTROL}.bag_files:EXTRACT", "write scene, parameters and map kept in a bag as files"),
@@ -62,7 +61,9 @@ def commands() -> Commands:
 
 
 def elsewhere(words: Sequence[str], known: Commands) -> str | None:
-    """Return the line on a command that a package brings which is not installed; None where `words` is no such."""
+    """Return the line on a command that another one is now, or a package brings which is not installed; else None."""
+    if words[:2] == ["bag", "verify"]:
+        return "error: `atpid bag verify` is part of `atpid bag check`; of the file alone: `atpid bag check BAG --file`"
     brought: dict[str, str] = json.loads(_BROUGHT_BY.read_text(encoding="utf-8"))
     name = next((name for name in (" ".join(words[:2]), *words[:1]) if name in brought), None)
     if name is None or is_among(known, words):

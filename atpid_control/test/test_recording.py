@@ -27,7 +27,7 @@ from atpid_control.runs.errors import BagError, TypeUnknownError
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.recover import repair
-from atpid_control.runs.topics import DEFAULT, block_shape, event, parse, stamp, truth_shape
+from atpid_control.runs.topics import DEFAULT, TRUTH, block_shape, event, parse, shape_of, stamp
 from atpid_control.runs.verify import verify
 from atpid_control.runs.writer import BagWriter, Sink
 
@@ -149,7 +149,7 @@ def test_fields_are_read_in_place_whatever_the_alignment() -> None:
         assert block_shape(data) == (7, 1000.0, 3)
         assert event(make("Event", 1, "n", frame_id, kind="finished", text="x")) == ("finished", "n")
         truth = make("PlantTruth", 1, frame_id=frame_id, first_index=9, rate=10.0, support=np.zeros(4))
-        assert truth_shape(truth) == (9, 10.0, 4)
+        assert shape_of(TRUTH, truth) == (9, 10.0, 4)
     assert block_shape(make("SampleBlock", handshake=True, channels=["a"])).scans == 0
 
 
@@ -298,7 +298,7 @@ def test_metadata_that_contradicts_the_file_is_detected_and_repaired(small: Path
     assert repair(small.parent).verified.messages == BLOCKS
 
 
-@pytest.mark.parametrize("action", ["verify", "repair"])
+@pytest.mark.parametrize("action", ["check", "repair"])
 def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty").mkdir()
     text = tmp_path / "text.mcap"

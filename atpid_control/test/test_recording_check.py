@@ -168,7 +168,7 @@ def test_each_broken_rule_is_found_and_named(name: str, checked: Callable[..., C
     assert ("stopped" in found.line) == (name == "stopped")
 
 
-def test_a_sound_run_is_one_line_and_status_0(
+def test_a_sound_run_is_counted_and_status_0(
     checked: Callable[..., Checked], sound: Messages, tmp_path: Path, capsys: Capture
 ) -> None:
     found = checked(sound)
@@ -176,7 +176,7 @@ def test_a_sound_run_is_one_line_and_status_0(
     assert (found.blocks, found.lost) == (40, 0)
     assert main(["bag", "check", str(tmp_path / "bag")]) == 0
     printed = capsys.readouterr().out
-    assert printed.count("\n") == 1
+    assert printed.count("\n") == 8
     assert re.search(r" 40 .* 4000 .* 0 lost.* 0\.017 to 1 m, 0\.3 m/s", printed)
     assert "finished: 2 s" in printed
 
@@ -231,7 +231,8 @@ def test_findings_are_status_1_with_each_rule_by_name(
 ) -> None:
     checked(without(sound, COMMAND, *range(30)))
     assert main(["bag", "check", str(tmp_path / "bag")]) == 1
-    *named, rest, last = (line for line in capsys.readouterr().out.splitlines() if not line.startswith(" "))
+    whole, *named, rest, last = (line for line in capsys.readouterr().out.splitlines() if not line.startswith(" "))
+    assert whole.endswith("every one read and decoded")
     assert len(named) == KEPT
     assert all(line.startswith("unanswered: ") for line in named)
     assert re.match(rf"unanswered: \D*{30 - KEPT}\D*$", rest)

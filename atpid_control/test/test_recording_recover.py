@@ -139,7 +139,7 @@ def test_a_bag_that_was_not_closed_names_its_last_scan_and_what_may_be_missing(t
     assert "0.02 s" in found.lost[-2]
     assert found.lost[-1].startswith(f"{LASER}: ")
     assert found.lost[-1].endswith(" 59")
-    assert [main(["bag", command, str(bag)]) for command in ("verify", "check")] == [2, 2]
+    assert [main(["bag", "check", str(bag), *more]) for more in ([], ["--file"])] == [2, 2]
     assert f"lost: {found.lost[-1]}" in capsys.readouterr().out
 
 
@@ -166,7 +166,8 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
     refused(capsys, ["bag", "recover", bag], "run-recovered", "exists")
     assert main(["bag", "recover", str(bag), "--out", str(tmp_path / "other")]) == 0
     assert f"lost: {LASER}: ends" in capsys.readouterr().out
-    refused(capsys, ["bag", "verify", bag, "--out", tmp_path])
+    refused(capsys, ["bag", "check", bag, "--out", tmp_path])
+    refused(capsys, ["bag", "verify", bag], "`atpid bag check`")
 
 
 @pytest.mark.parametrize("write", [recover, repair])
@@ -295,6 +296,7 @@ def test_what_the_index_does_not_lead_to_is_no_whole_bag_and_recover_leads_to_it
     file.write_bytes(content[:summary] + kept + struct.pack("<BQQQI", footer, 20, summary, 0, 0) + MAGIC)
     with pytest.raises(BagError, match=r"20 of 24 .*recover"):
         verify(bag)
+    assert main(["bag", "check", str(bag)]) == 1
     recover(bag)
     assert verify(bag.with_name("run-recovered")).messages == 24
 

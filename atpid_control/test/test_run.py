@@ -242,4 +242,4 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: Capture) -> None:
 @pytest.mark.parametrize("given", ["2", "3:2", "a:b", "-1:2", "nan:1", "1:2:3"])
 def test_an_interval_that_is_none_is_refused_and_one_beside_another_command(given: str) -> None:
     assert main(["bag", "extract", "bag", f"--support={given}"]) == 2
-    assert main(["bag", "verify", "bag", "--support"]) == 2
+    assert main(["bag", "check", "bag", "--support"]) == 2

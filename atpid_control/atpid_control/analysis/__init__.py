@@ -9,7 +9,5 @@ from atpid_control.analysis.orders import Orders, orders
 from atpid_control.analysis.signals import AnalysisError, Signals
 from atpid_control.analysis.spectra import Spectrum, spectrum
 
-__all__ = [
-    "Analysis", "AnalysisError", "Decay", "FrequencyResponse", "Orders", "Signals", "Spectrum", "analyse", "free_decay",
-    "frequency_response", "orders", "spectrum",
-]  # fmt: skip
+__all__ = ["Analysis", "AnalysisError", "Decay", "FrequencyResponse", "Orders", "Signals", "Spectrum"]
+__all__ += ["analyse", "free_decay", "frequency_response", "orders", "spectrum"]

@@ -4,10 +4,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_common.output import finite
 from atpid_control.analysis.decrement import Decay, find_decay, free_decay
 from atpid_control.analysis.frequency_response import FrequencyResponse, frequency_response
@@ -34,63 +35,53 @@ class Analysis:
         """What cannot be trusted, a line each."""
         parts = (("frequency response", self.response), ("decrement", self.decay), ("orders", self.orders))
         lines = [f"{name}: {line}" for name, part in parts if part is not None for line in part.doubts]
-        if self.signals.invalid:
-            lines.append(f"{self.signals.invalid} of {len(self.signals.response)} samples are lost or invalid; nothing "
-                         "is computed over their gaps")  # fmt: skip
+        if invalid := self.signals.invalid:
+            what = f"{invalid} of {len(self.signals.response)} samples are lost or invalid"
+            lines.append(f"{what}; nothing is computed over their gaps")
         return lines
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return numbers and curves as plain values, SI units; NaN as None."""
-        return dict(finite({
-            "names": list(self.signals.names), "units": list(self.signals.units), "origin": self.signals.origin,
-            "rate": self.signals.rate, "begin": self.signals.start, "duration": self.signals.duration,
-            "invalid": self.signals.invalid,
-            "spectrum": self._spectra(), "frequency_response": self._response(), "decrement": self._decay(),
-            "orders": self._orders(), "doubts": self.doubts, "skipped": self.skipped,
-        }))  # fmt: skip
+        made = _taken(self.signals, "names units origin rate start duration invalid")
+        made["begin"] = made.pop("start")
+        made |= {"spectrum": self._spectra(), "frequency_response": self.response and _of_response(self.response)}
+        made["decrement"] = self.decay and _taken(self.decay, _OF_DECAY)
+        made["orders"] = self.orders and _taken(self.orders, _OF_ORDERS)
+        return dict(finite(made | {"doubts": self.doubts, "skipped": self.skipped}))
 
-    def _spectra(self) -> dict[str, Any]:
+    def _spectra(self) -> Document:
         one, other = self.spectra
-        return {
-            "resolution": one.resolution, "averages": one.averages, "enbw": one.enbw, "rms": [one.rms, other.rms],
-            "frequency": one.frequency.tolist(), "excitation_density": one.density.tolist(),
-            "response_density": other.density.tolist(),
-        }  # fmt: skip
+        made = _taken(one, "resolution averages enbw frequency") | {"rms": [one.rms, other.rms]}
+        return made | {"excitation_density": one.density.tolist(), "response_density": other.density.tolist()}
 
-    def _response(self) -> dict[str, Any] | None:
-        found = self.response
-        if found is None:
-            return None
-        place = found.strongest
-        return {
-            "method": "averages" if found.local is None else "local models",
-            "averages": found.averages, "trusted_lines": int(found.trusted.sum()),
-            "excited_lines": int(found.excited.sum()), "peak_frequency": float(found.frequency[place]),
-            "peak_h1": float(abs(found.h1[place])), "peak_h2": float(abs(found.h2[place])),
-            "peak_phase": float(np.angle(found.h1[place])), "peak_coherence": float(found.coherence[place]),
-            "peak_phase_std": float(found.phase_std[place]),
-            "peak_relative_std": float(found.relative_std[place]),
-            "peak_trusted": bool(found.trusted[place]),
-            "frequency": found.frequency.tolist(), "h1": np.abs(found.h1).tolist(), "h2": np.abs(found.h2).tolist(),
-            "phase": np.angle(found.h1).tolist(), "coherence": found.coherence.tolist(),
-            "relative_std": found.relative_std.tolist(), "trusted": found.trusted.tolist(),
-        }  # fmt: skip
 
-    def _decay(self) -> dict[str, Any] | None:
-        found = self.decay
-        if found is None:
-            return None
-        names = ("begin", "end", "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "log_decrement",
-                 "log_decrement_std", "amplitude", "residual")  # fmt: skip
-        return {name: getattr(found, name) for name in names} | {"ratios": found.ratios.tolist()}
+#: What the results have of a decay and of orders, by the names there.
+_OF_DECAY = """begin end frequency frequency_std damping_ratio damping_ratio_std log_decrement log_decrement_std
+    amplitude residual ratios"""
+_OF_ORDERS = "begin end frequency excitation residual distortion amplitude amplitude_std phase"
 
-    def _orders(self) -> dict[str, Any] | None:
-        found = self.orders
-        if found is None:
-            return None
-        names = ("begin", "end", "frequency", "excitation", "residual", "distortion")
-        curves = {name: getattr(found, name).tolist() for name in ("amplitude", "amplitude_std", "phase")}
-        return {name: getattr(found, name) for name in names} | curves
+
+def _taken(part: object, names: str) -> Document:
+    """Return attributes of `part` as plain values."""
+    values = ((name, getattr(part, name)) for name in names.split())
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}
+
+
+def _of_response(found: FrequencyResponse) -> Document:
+    place = found.strongest
+    sizes = {"h1": np.abs(found.h1), "h2": np.abs(found.h2), "phase": np.angle(found.h1)}
+    curves = sizes | {name: getattr(found, name) for name in ("coherence", "relative_std", "trusted")}
+    peak = curves | {"frequency": found.frequency, "phase_std": found.phase_std}
+    return {
+        "method": "averages" if found.local is None else "local models",
+        "averages": found.averages,
+        "trusted_lines": int(found.trusted.sum()),
+        "excited_lines": int(found.excited.sum()),
+        **{f"peak_{name}": values[place].item() for name, values in peak.items()},
+        **{f"peak_{name}": float(abs(values[place])) for name, values in (("h1", found.h1), ("h2", found.h2))},
+        "frequency": found.frequency.tolist(),
+        **{name: values.tolist() for name, values in curves.items()},
+    }
 
 
 def analyse(signals: Signals, resolution: float | None = None, window: str = "", whole: bool = False) -> Analysis:
@@ -105,9 +96,8 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "",
     known = np.isfinite(signals.excitation).any()
     shape = window if window not in ("", "local") else "hann"
     values = (signals.excitation if known else np.zeros(len(signals.response)), signals.response)
-    made = [
-        spectrum(one, signals.rate, resolution, shape, unit) for one, unit in zip(values, signals.units, strict=True)
-    ]
+    channels = zip(values, signals.units, strict=True)
+    made = [spectrum(one, signals.rate, resolution, shape, unit) for one, unit in channels]
     skipped: dict[str, str] = {}
     decay_at = find_decay(signals.excitation, signals.response, signals.rate)
 

@@ -86,28 +86,25 @@ def free_decay(beam: Array, rate: float, start: float = 0.0) -> Decay:
     guess = _guess(beam, rate)
     periods = guess[1] * time[-1] / (2.0 * math.pi)
     if periods < _FEWEST:
-        raise AnalysisError(
-            f"the decay lasts {periods:.2g} periods; needed: {_FEWEST:g}; choose a part with --from, --to"
-        )
+        needed = f"needed: {_FEWEST:g}; choose a part with --from, --to"
+        raise AnalysisError(f"the decay lasts {periods:.2g} periods; {needed}")
     try:
         found, covariance = curve_fit(_model, time, beam, guess, maxfev=5000)
     except RuntimeError:
         raise AnalysisError("no decaying oscillation fits this part; choose the decay with --from and --to") from None
     rest = beam - _model(time, *found)
-    sigma, omega = float(found[0]), abs(float(found[1]))
-    widening = _correlation(rest)
+    sigma, omega, amplitude = float(found[0]), abs(float(found[1])), math.hypot(found[2], found[3])
+    widening, residual = _correlation(rest), float(np.sqrt(np.mean(rest**2)))
     sigma_std, omega_std = (widening * math.sqrt(max(0.0, covariance[i, i])) for i in (0, 1))
     natural = math.hypot(sigma, omega)
-    return Decay(
-        start, start + float(time[-1]), omega / (2.0 * math.pi), omega_std / (2.0 * math.pi), sigma / natural,
-        math.hypot(omega**2 * sigma_std, sigma * omega * omega_std) / natural**3, math.hypot(found[2], found[3]),
-        float(np.sqrt(np.mean(rest**2))), ratios_of(beam - float(found[4]), math.hypot(found[2], found[3])),
-        (*_doubts(periods, sigma, sigma_std, float(np.sqrt(np.mean(rest**2))), math.hypot(found[2], found[3])),
-         *_not_viscous(time, beam, found)),
-    )  # fmt: skip
+    damping_std = math.hypot(omega**2 * sigma_std, sigma * omega * omega_std) / natural**3
+    span, tone = (start, start + float(time[-1])), (omega / (2.0 * math.pi), omega_std / (2.0 * math.pi))
+    ratios = _ratios_of(beam - float(found[4]), amplitude)
+    doubts = (*_doubts(periods, sigma, sigma_std, residual, amplitude), *_not_viscous(time, beam, found))
+    return Decay(*span, *tone, sigma / natural, damping_std, amplitude, residual, ratios, doubts)
 
 
-def ratios_of(moved: Array, amplitude: float) -> Array:
+def _ratios_of(moved: Array, amplitude: float) -> Array:
     """Return the ratios of successive upper peaks (k,) [-] of a displacement from rest (n,) [m].
 
     Without the swings that the part cuts: the last, and the first where its peak, `amplitude` [m] in the fit, is before
@@ -162,8 +159,8 @@ def _not_viscous(time: Array, beam: Array, found: Array) -> list[str]:
         if own[-1:].sum() * omega < _FEWEST * 2.0 * math.pi:
             return []
         fall = math.exp(-sigma * time[part.start])
-        start = (sigma, omega, fall * (cosine * math.cos(turn) + sine * math.sin(turn)),
-                 fall * (sine * math.cos(turn) - cosine * math.sin(turn)), offset)  # fmt: skip
+        along = fall * (cosine * math.cos(turn) + sine * math.sin(turn))
+        start = sigma, omega, along, fall * (sine * math.cos(turn) - cosine * math.sin(turn)), offset
         try:
             fitted, covariance = curve_fit(_model, own, beam[part], start, maxfev=2000)
         except RuntimeError:  # a part that is all noise says nothing
@@ -173,8 +170,8 @@ def _not_viscous(time: Array, beam: Array, found: Array) -> list[str]:
     (large, first), (small, second) = ratios
     if not abs(small - large) > max(_SIGMAS * math.hypot(first, second), _DEPENDS * abs(large)):
         return []
-    return [f"damping depends on the amplitude: {large:.3g} of the large swings, {small:.3g} of the small ones, as by "
-            "friction; the error bar holds for a constant one"]  # fmt: skip
+    swings = f"{large:.3g} of the large swings, {small:.3g} of the small ones, as by friction"
+    return [f"damping depends on the amplitude: {swings}; the error bar holds for a constant one"]
 
 
 def _doubts(periods: float, sigma: float, sigma_std: float, residual: float, amplitude: float) -> list[str]:
@@ -182,8 +179,8 @@ def _doubts(periods: float, sigma: float, sigma_std: float, residual: float, amp
     if periods < _FEW:
         lines.append(f"the decay is short: {periods:.2g} periods; from {_FEW:g} on its error bars can be trusted")
     if residual > _EXPONENTIAL * amplitude:
-        lines.append(f"not an exponential decay: the residual is {100.0 * residual / amplitude:.2g} % of the "
-                     "amplitude, so damping depends on amplitude; see the ratios of successive peaks")  # fmt: skip
+        what = f"the residual is {100.0 * residual / amplitude:.2g} % of the amplitude, so damping depends on amplitude"
+        lines.append(f"not an exponential decay: {what}; see the ratios of successive peaks")
     if not sigma > 2.0 * sigma_std:
         lines.append("the damping is not above twice its standard deviation")
     return lines

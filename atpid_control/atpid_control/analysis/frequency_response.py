@@ -19,7 +19,7 @@ from atpid_sim.system import Array
 #: Degree of the polynomials; lines on either side of the middle one; bands that are looked at, at most.
 _DEGREE, _SIDE, _MOST = 2, 12, 4000
 #: Complex values that a band leaves for its residual.
-FREEDOM = 2 * _SIDE + 1 - (3 * _DEGREE + 2)
+_FREEDOM = 2 * _SIDE + 1 - (3 * _DEGREE + 2)
 #: Likeness of the spectra of the strongest quarter and the others, and share of its power they have, below which an
 #: excitation passes once [-].
 _LIKE, _AT_REST = 0.3, 1e-3
@@ -39,7 +39,7 @@ def passes_once(excitation: Array) -> bool:
     return like < _LIKE or float(others.sum()) < _AT_REST * float(one.sum())
 
 
-def local_response(
+def _local_response(
     excitation: Array, response: Array, rate: float, excited_from: float
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return frequencies (k,) [Hz], response, its relative standard deviation, coherence, and density of excitation.
@@ -60,8 +60,8 @@ def local_response(
     band = lines[:, None] + np.arange(-_SIDE, _SIDE + 1)
     u, y = (one[band] / np.sqrt(np.mean(np.abs(one[band]) ** 2, axis=1, keepdims=True)) for one in (given, answer))
     powers = np.linspace(-1.0, 1.0, 2 * _SIDE + 1) ** np.arange(_DEGREE + 1)[:, None]
-    columns = np.concatenate([u[:, None] * powers, np.broadcast_to(powers, (len(lines), *powers.shape)),
-                              -y[:, None] * powers[1:]], axis=1).transpose(0, 2, 1)  # fmt: skip
+    parts = u[:, None] * powers, np.broadcast_to(powers, (len(lines), *powers.shape)), -y[:, None] * powers[1:]
+    columns = np.concatenate(parts, axis=1).transpose(0, 2, 1)
     inverse = np.linalg.pinv(columns, rcond=1e-12)
     found = (inverse @ y[..., None])[..., 0]
     lever = 1.0 - np.einsum("kij,kji->ki", columns, inverse).real
@@ -69,8 +69,9 @@ def local_response(
     size = np.sqrt(np.mean(np.abs(answer[band]) ** 2, axis=1) / np.mean(np.abs(given[band]) ** 2, axis=1))
     # half of a complex value's variance is in its size, half in its phase
     deviation = np.sqrt(0.5 * np.sum(left / lever * np.abs(inverse[:, 0]) ** 2, axis=1))
-    return (lines * rate / len(excitation), found[:, 0] * size, deviation / np.maximum(np.abs(found[:, 0]), 1e-300),
-            np.clip(1.0 - left.mean(axis=1), 0.0, 1.0), smooth[lines])  # fmt: skip
+    relative = deviation / np.maximum(np.abs(found[:, 0]), 1e-300)
+    coherence = np.clip(1.0 - left.mean(axis=1), 0.0, 1.0)
+    return lines * rate / len(excitation), found[:, 0] * size, relative, coherence, smooth[lines]
 
 
 #: A line counts as excited from this share of the strongest line's density on: 1 % of its amplitude.
@@ -78,7 +79,7 @@ _EXCITED = 1e-4
 #: The same of a sweep, and the standard deviation up to which a line of it is trusted [-].
 _SWEPT, _KNOWN = 1e-2, 0.1
 #: Coherence from which a line is trusted, and averages below which coherence means nothing.
-COHERENT, FEWEST_AVERAGES = 0.8, 3.0
+_COHERENT, _FEWEST_AVERAGES = 0.8, 3.0
 #: Lines within the half-power width that a peak needs not to be flattened.
 _LINES = 4
 #: Difference of H2 and H1 at the largest response from which it is named [-].
@@ -114,7 +115,7 @@ class FrequencyResponse:
     def trusted(self) -> NDArray[np.bool_]:
         """Lines (k,) that are excited and coherent, of enough averages."""
         known = True if self.local is None else self.local <= _KNOWN
-        return np.asarray(self.excited & (self.coherence >= COHERENT) & (self.averages >= FEWEST_AVERAGES) & known)
+        return np.asarray(self.excited & (self.coherence >= _COHERENT) & (self.averages >= _FEWEST_AVERAGES) & known)
 
     @property
     def relative_std(self) -> Array:
@@ -127,7 +128,7 @@ class FrequencyResponse:
         student = 1.0 + _STUDENT / (2.0 * self.averages - 2.0) if self.averages > 1.0 else np.nan
         if self.local is not None:
             return np.asarray(student * self.local)
-        if self.averages < FEWEST_AVERAGES:
+        if self.averages < _FEWEST_AVERAGES:
             return np.full(len(self.frequency), np.nan)
         known = np.maximum(self.coherence, 1e-12)
         chance = (1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)
@@ -151,25 +152,24 @@ class FrequencyResponse:
         """Why the response cannot be trusted, a line each."""
         lines = []
         if self.clock_error:  # NaN, too
-            lines.append("the channels are of two devices: a constant delay between these is in the phase; measure one "
-                         "signal with both")  # fmt: skip
-        if self.averages < FEWEST_AVERAGES:
-            lines.append(
-                f"{self.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
-            )
-        low = int(np.count_nonzero(self.excited & (self.coherence < COHERENT)))
-        if low:
-            lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(self.excited)} excited lines: "
-                         "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
+            why = "a constant delay between these is in the phase; measure one signal with both"
+            lines.append(f"the channels are of two devices: {why}")
+        if self.averages < _FEWEST_AVERAGES:
+            needed = f"needed: {_FEWEST_AVERAGES:g}"
+            lines.append(f"{self.averages:.3g} averages: coherence and error bars mean nothing; {needed}")
+        excited = np.count_nonzero(self.excited)
+        if low := int(np.count_nonzero(self.excited & (self.coherence < _COHERENT))):
+            why = "noise, leakage or impacts; these lines are not trusted"
+            lines.append(f"coherence below {_COHERENT:g} at {low} of {excited} excited lines: {why}")
         place = self.strongest
         apart = float(abs(self.h2[place]) / abs(self.h1[place])) - 1.0
         if apart > _APART:
-            lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {self.frequency[place]:.4g} Hz: noise, or "
-                         "lines too far apart; then the error bar is too small")  # fmt: skip
+            why = "noise, or lines too far apart; then the error bar is too small"
+            lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {self.frequency[place]:.4g} Hz: {why}")
         if self.tone:
-            lines.append(f"only {np.count_nonzero(self.excited)} lines are excited, a tone: the response holds there; "
-                         "a sweep or noise shows a resonance")  # fmt: skip
-        elif self.local is None and (width := half_power_width(self) or _LINES) < _LINES:
+            known = "the response holds there; a sweep or noise shows a resonance"
+            lines.append(f"only {excited} lines are excited, a tone: {known}")
+        elif self.local is None and (width := _half_power_width(self) or _LINES) < _LINES:
             lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
         if self.left_out:
             lines.append(f"{self.left_out} samples beside the longest part without a gap are not in the response")
@@ -185,9 +185,9 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     parts = runs(np.isfinite(signals.excitation + signals.response))
     begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
     given, answer = (one[begin:end] for one in (signals.excitation, signals.response))
-    moves = end - begin > _TONE * FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
+    moves = end - begin > _TONE * _FREEDOM and min(np.ptp(given), np.ptp(answer)) > 0.0
     if moves and (window == "local" or (not window and not resolution and passes_once(given))):
-        return _swept(signals, *local_response(given, answer, signals.rate, _SWEPT), end - begin)
+        return _swept(signals, *_local_response(given, answer, signals.rate, _SWEPT), end - begin)
     window = window if window not in ("", "local") else "hann"
     found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)
     inside = found.frequency > 0.0
@@ -202,8 +202,8 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     most = int(np.argmax(np.where(inside, found.first, -1.0)))
     smeared = _smeared(h1, excited) if window != "boxcar" else np.zeros(len(h1))
     h1, h2 = _in_time(signals, found.frequency, h1, h2)
-    return FrequencyResponse(found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most,
-                             clock_error=signals.clock_error)  # fmt: skip
+    known = np.nan_to_num(coherence), excited, found.averages, smeared, most
+    return FrequencyResponse(found.frequency, h1, h2, *known, clock_error=signals.clock_error)
 
 
 def _swept(
@@ -211,13 +211,11 @@ def _swept(
 ) -> FrequencyResponse:
     """Return the response by local models, which is one estimate: no noise is taken for input's or output's."""
     if not len(lines):
-        raise AnalysisError(
-            "the excitation passes once, too short for a response; give --window hann, or a longer part"
-        )
-    (turned,), none = _in_time(signals, lines, h), np.zeros(len(lines))
-    return FrequencyResponse(lines, turned, turned, coherence, np.full(len(lines), True), FREEDOM + 1.0, none,
-                             int(np.argmax(density)), deviation, signals.clock_error,
-                             len(signals.response) - used)  # fmt: skip
+        advice = "give --window hann, or a longer part"
+        raise AnalysisError(f"the excitation passes once, too short for a response; {advice}")
+    (turned,), none, every = _in_time(signals, lines, h), np.zeros(len(lines)), np.full(len(lines), True)
+    known = coherence, every, _FREEDOM + 1.0, none, int(np.argmax(density)), deviation
+    return FrequencyResponse(lines, turned, turned, *known, signals.clock_error, len(signals.response) - used)
 
 
 def _in_time(signals: Signals, frequency: Array, *responses: Array) -> list[Array]:
@@ -239,7 +237,7 @@ def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
     return shift
 
 
-def half_power_width(found: FrequencyResponse) -> int | None:
+def _half_power_width(found: FrequencyResponse) -> int | None:
     """Return the lines around the strongest at which |H1| is above 1/sqrt(2) of it; None where the edge is reached."""
     size, place = np.where(found.excited, np.abs(found.h1), np.nan), found.strongest
     below = np.flatnonzero(~(size > size[place] / np.sqrt(2.0)) & np.isfinite(size))

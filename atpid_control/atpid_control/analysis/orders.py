@@ -5,13 +5,14 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_control.analysis.signals import AnalysisError, Signals, runs
 from atpid_sim.system import Array
 
+_Places = NDArray[np.intp]
 #: Periods that the fit needs; change of amplitude within the part from which it is named [-].
 FEWEST, _CHANGE = 5.0, 0.05
 #: Periods of a window in which the excitation's amplitude is followed, and by how much it may differ [-].
@@ -66,20 +67,17 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     given, _, _, _ = _fit(time, signals.excitation, frequency, 1)
     found, residual, used, offset = _fit(time, signals.response, frequency, count)
     if not abs(given[0]) > 0.0 or not abs(found[0]) > 0.0:
-        raise AnalysisError(
-            "no excitation: nothing moves at one frequency in this part; choose it with --from and --to"
-        )
+        advice = "choose it with --from and --to"
+        raise AnalysisError(f"no excitation: nothing moves at one frequency in this part; {advice}")
     turns = np.angle(given[0]) + 2.0 * math.pi * frequency * signals.delay
     turned = found * np.exp(-1j * turns * np.arange(1, count + 1))
     parts = slice(0, len(time) // 2), slice(len(time) // 2, len(time))
     halves = [_fit(time[part], signals.response[part], frequency, 1)[0][0] for part in parts]
     change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf
-    return Orders(
-        signals.start, signals.start + float(time[-1]), frequency, abs(given[0]), np.abs(found),
-        np.maximum(_errors(time, signals.response - offset, frequency, found), residual * math.sqrt(2.0 / used)),
-        np.angle(turned), residual,
-        (*_drift(signals, parts), *_doubts(change, residual, abs(found[0]))),
-    )  # fmt: skip
+    errors = np.maximum(_errors(time, signals.response - offset, frequency, found), residual * math.sqrt(2.0 / used))
+    doubts = (*_drift(signals, parts), *_doubts(change, residual, abs(found[0])))
+    span, tone = (signals.start, signals.start + float(time[-1])), (frequency, abs(given[0]))
+    return Orders(*span, *tone, np.abs(found), errors, np.angle(turned), residual, doubts)
 
 
 def steady_part(signals: Signals) -> Signals:
@@ -122,7 +120,7 @@ def tone_of(values: Array, rate: float) -> float:
     omega = (place + math.copysign(max(0.0, 2.0 * share - 1.0) / (share + 1.0), above - 0.5)) * step
     sine = cosine = 0.0
 
-    def columns(piece: Any) -> Array:
+    def columns(piece: _Places) -> Array:
         turns = omega * time[piece]
         waves = np.sin(turns), np.cos(turns)
         ahead = (sine * waves[1] - cosine * waves[0]) / (math.hypot(sine, cosine) or 1.0)
@@ -145,7 +143,7 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
     valid = np.flatnonzero(np.isfinite(values))
     pieces = _pieces(valid)
 
-    def columns(piece: Any) -> Array:
+    def columns(piece: _Places) -> Array:
         turns = 2.0 * math.pi * frequency * np.outer(time[piece], np.arange(1, count + 1))
         return np.column_stack([np.ones(len(turns)), np.sin(turns), np.cos(turns)])
 
@@ -154,7 +152,7 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
     return solved[1 : 1 + count] + 1j * solved[1 + count :], math.sqrt(power / used), used, float(solved[0])
 
 
-def _solved(pieces: list[Any], values: Array, columns: Callable[[Any], Array]) -> tuple[Array, float]:
+def _solved(pieces: list[_Places], values: Array, columns: Callable[[_Places], Array]) -> tuple[Array, float]:
     """Return the coefficients of the columns, and the residual's sum of squares."""
     sums = [(made.T @ made, made.T @ values[piece]) for piece in pieces for made in (columns(piece),)]
     gram, joint = (sum(each) for each in zip(*sums, strict=True))
@@ -162,7 +160,7 @@ def _solved(pieces: list[Any], values: Array, columns: Callable[[Any], Array]) -
     return solved, sum(float(np.sum((values[piece] - columns(piece) @ solved) ** 2)) for piece in pieces)
 
 
-def _pieces(valid: Any) -> list[Any]:
+def _pieces(valid: _Places) -> list[_Places]:
     return [valid[first : first + _PIECE] for first in range(0, len(valid), _PIECE)]
 
 
@@ -196,16 +194,14 @@ def _drift(signals: Signals, parts: tuple[slice, slice]) -> Iterator[str]:
     except AnalysisError:  # a half without a tone of its own: the orders are those of the other
         return
     if abs(second - first) * signals.duration > _DRIFT:
-        yield (f"the excitation's frequency changes from {first:.5g} to {second:.5g} Hz within the part: orders come "
-               "out too low, the higher the more; choose a shorter part with --from and --to")  # fmt: skip
+        what = "orders come out too low, the higher the more; choose a shorter part with --from and --to"
+        yield f"the excitation's frequency changes from {first:.5g} to {second:.5g} Hz within the part: {what}"
 
 
-def _doubts(change: float, residual: float, amplitude: float) -> list[str]:
-    lines = []
+def _doubts(change: float, residual: float, amplitude: float) -> Iterator[str]:
     if change > _CHANGE:
-        lines.append(f"the amplitude changes by {100.0 * change:.2g} % within the part: orders are means over it; "
-                     "choose a steady part with --from and --to")  # fmt: skip
+        what = "orders are means over it; choose a steady part with --from and --to"
+        yield f"the amplitude changes by {100.0 * change:.2g} % within the part: {what}"
     if residual > 0.1 * amplitude:
-        lines.append(f"{100.0 * residual / amplitude:.2g} % of the amplitude is at no multiple of the excitation: "
-                     "irregular or subharmonic motion, or noise")  # fmt: skip
-    return lines
+        what = "is at no multiple of the excitation: irregular or subharmonic motion, or noise"
+        yield f"{100.0 * residual / amplitude:.2g} % of the amplitude {what}"

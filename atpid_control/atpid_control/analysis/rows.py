@@ -2,16 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The results of an analysis: rows of a table in words, for terminal and report, and the panels of its picture."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from atpid_control.analysis.analyse import Analysis
 from atpid_control.analysis.frequency_response import FrequencyResponse
 from atpid_sim.figure_style import LIGHT, Panels, logarithmic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -44,9 +49,8 @@ def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     error = 100.0 * response.relative_std[place]
     bar = f" ± {error:.2g} %" if math.isfinite(error) else ""
     h1, h2 = abs(response.h1[place]), abs(response.h2[place])
-    what = ("response to the tone" if response.tone else "largest response") + (
-        "" if response.trusted[place] else " (not trusted)"
-    )
+    what = "response to the tone" if response.tone else "largest response"
+    what += "" if response.trusted[place] else " (not trusted)"
     given, answer = found.signals.units
     unit = "" if given == answer else f" {answer}/{given}"
     yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}{unit}"
@@ -90,6 +94,8 @@ def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
 _POINTS, _DECADES = 20_000, 1e-10
 #: Standard deviations that noise alone exceeds once in a hundred times.
 _NOISE = 3.0
+#: Of response and excitation.
+_COLOURS = "C0", LIGHT.given_text
 
 
 def panels(found: Analysis) -> Panels:
@@ -103,24 +109,18 @@ def panels(found: Analysis) -> Panels:
     return [[traces, densities], [sizes, phases], [coherence, end]]
 
 
-def _traces(ax: Any, found: Analysis) -> None:
+def _traces(ax: Axes, found: Analysis) -> None:
     signals = found.signals
     (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
     step = max(1, len(signals.response) // _POINTS)
-    for values, name, colour in zip(
-        (scale * signals.response, given * signals.excitation),
-        reversed(signals.names),
-        ("C0", LIGHT.given_text),
-        strict=True,
-    ):
+    values_of = scale * signals.response, given * signals.excitation
+    for values, name, colour in zip(values_of, reversed(signals.names), _COLOURS, strict=True):
         ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
     ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
 
 
-def _densities(ax: Any, found: Analysis) -> None:
-    for one, name, colour in zip(
-        reversed(found.spectra), reversed(found.signals.names), ("C0", LIGHT.given_text), strict=True
-    ):
+def _densities(ax: Axes, found: Analysis) -> None:
+    for one, name, colour in zip(reversed(found.spectra), reversed(found.signals.names), _COLOURS, strict=True):
         ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
@@ -140,53 +140,48 @@ def _excited(response: FrequencyResponse) -> tuple[float, float]:
     return max(0.0, float(lines.min()) - room), float(lines.max()) + room
 
 
-def _absent(ax: Any, title: str, reason: str) -> None:
+def _absent(ax: Axes, title: str, reason: str) -> None:
     ax.set(title=title, xticks=[], yticks=[])
     ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, fontsize=9, transform=ax.transAxes)
 
 
-def _of_response(ax: Any, found: Analysis, title: str, drawer: Callable[[Any, str, FrequencyResponse], None]) -> None:
+def _of_response(ax: Axes, found: Analysis, title: str, drawer: Callable[[Axes, str, FrequencyResponse], None]) -> None:
     if found.response is None:
         _absent(ax, title, found.skipped.get("frequency_response", ""))
     else:
         drawer(ax, title, found.response)
 
 
-def _sizes(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _sizes(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     logarithmic(ax)
-    ax.plot(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
-    ax.plot(
-        response.frequency[shown],
-        np.abs(response.h1[shown]),
-        ".",
-        color=LIGHT.given_text,
-        markersize=4,
-        label="H1, excited lines",
-    )
-    size = np.abs(response.h1[trusted])
-    ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
-                linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
+    points = (("H2", response.h2, "C1", 5), ("H1", response.h1, LIGHT.given_text, 4))
+    for name, values, colour, size in points:
+        label = f"{name}, excited lines"
+        ax.plot(response.frequency[shown], np.abs(values[shown]), ".", color=colour, markersize=size, label=label)
+    at, sizes = response.frequency[trusted], np.abs(response.h1[trusted])
+    bars = 2.0 * sizes * response.relative_std[trusted]
+    ax.errorbar(at, sizes, bars, fmt="C0.", markersize=6, linewidth=0.8, label="H1 trusted, ±2σ")
     alone = " of a tone: known at its line alone" if response.tone else ""
     ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
 
 
-def _phases(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _phases(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown, trusted = response.excited, response.trusted
     for chosen, colour in ((shown, LIGHT.given_text), (trusted, "C0")):
         ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
     ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
 
 
-def _coherence(ax: Any, title: str, response: FrequencyResponse) -> None:
+def _coherence(ax: Axes, title: str, response: FrequencyResponse) -> None:
     shown = response.excited
     ax.plot(response.frequency, response.coherence, LIGHT.given, linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
-    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence",
-           title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
+    title = f"{title}; dots: excited lines; {response.averages:.3g} averages"
+    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence", title=title)
 
 
-def _orders(ax: Any, found: Analysis) -> None:
+def _orders(ax: Axes, found: Analysis) -> None:
     orders = found.orders
     assert orders is not None
     scale, unit = shown_unit(found.signals.units[1])
@@ -201,7 +196,7 @@ def _orders(ax: Any, found: Analysis) -> None:
     ax.set(xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=unit, title=title)
 
 
-def _decay(ax: Any, found: Analysis) -> None:
+def _decay(ax: Axes, found: Analysis) -> None:
     decay, title = found.decay, "Free decay"
     if decay is None:
         _absent(ax, title, found.skipped.get("decrement", ""))
@@ -212,13 +207,8 @@ def _decay(ax: Any, found: Analysis) -> None:
     envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
     rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
     scale, unit = shown_unit(found.signals.units[1])
-    ax.plot(
-        time[inside],
-        scale * (found.signals.response[inside] - rest),
-        LIGHT.given_text,
-        linewidth=0.8,
-        label="from its mean",
-    )
+    moved = scale * (found.signals.response[inside] - rest)
+    ax.plot(time[inside], moved, LIGHT.given_text, linewidth=0.8, label="from its mean")
     fit = f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %"
     ax.plot(time[inside], scale * envelope, "C0", label=fit)
     ax.plot(time[inside], -scale * envelope, "C0")

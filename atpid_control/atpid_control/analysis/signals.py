@@ -56,16 +56,13 @@ class Signals:
         last = len(self.response) if math.isinf(end) else math.floor((end - self.start) * self.rate + 1e-6) + 1
         if not first < min(last, len(self.response)):
             until = self.start + self.duration
-            raise AnalysisError(
-                f"--from {begin:g} --to {end:g}: allowed: rising times from {self.start:g} to {until:g} s"
-            )
-        return replace(self, excitation=self.excitation[first:last], response=self.response[first:last],
-                       start=self.start + first / self.rate)  # fmt: skip
+            allowed = f"rising times from {self.start:g} to {until:g} s"
+            raise AnalysisError(f"--from {begin:g} --to {end:g}: allowed: {allowed}")
+        excitation, response = self.excitation[first:last], self.response[first:last]
+        return replace(self, excitation=excitation, response=response, start=self.start + first / self.rate)
 
 
-def signals_of(
-    run: Run, given: str = "", measured: str = BEAM, *, both: bool = True
-) -> tuple[Signals, list[str]]:  # fmt: skip
+def signals_of(run: Run, given: str = "", measured: str = BEAM, *, both: bool = True) -> tuple[Signals, list[str]]:
     """Return what sensors measured in a run, at the same instants, and what is missing, a line each.
 
     given: empty: what drives the structure. Raises BagError: no samples of `measured`, or where it has to be `both` of
@@ -74,10 +71,12 @@ def signals_of(
     given = given or run.drive.channel
     excitation, response = run.signals(given, measured) if both else run.driven(given, measured)
     units = excitation.unit, response.unit
-    signals = Signals(response.rate, excitation.values, response.values, units, (given, measured), response.time0,
-                      response.origin, response.start_ns, response.skew - excitation.skew,
-                      math.hypot(excitation.clock_error, response.clock_error))  # fmt: skip
-    return signals, [*run.missing, *response.others]
+    error = math.hypot(excitation.clock_error, response.clock_error)
+    delay, values, names = response.skew - excitation.skew, (excitation.values, response.values), (given, measured)
+    own = Signals(
+        response.rate, *values, units, names, response.time0, response.origin, response.start_ns, delay, error
+    )
+    return own, [*run.missing, *response.others]
 
 
 def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
@@ -87,7 +86,7 @@ def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 
 #: Unit of what is integrated, and of the result.
-ACCELERATION, DISPLACEMENT = "m/s^2", "m"
+_ACCELERATION, _DISPLACEMENT = "m/s^2", "m"
 #: Periods of the corner that are left out at both ends, and share of the motion up to which drift is accepted [-].
 _ENDS, _DRIFT = 2.0, 0.2
 
@@ -119,8 +118,8 @@ def displacement_of(acceleration: Array, rate: float, corner: float) -> tuple[Ar
         drift += used * float(density[lines < 2.0 * corner].sum() * lines[1])
         power, total = power + used * float(density.sum() * lines[1]), total + used
     if not total:
-        raise AnalysisError(f"--integrate {corner:g}: no part without a gap has {3.0 * _ENDS / corner:.3g} s; give a "
-                            "longer part, or a higher corner")  # fmt: skip
+        what = f"no part without a gap has {3.0 * _ENDS / corner:.3g} s; give a longer part, or a higher corner"
+        raise AnalysisError(f"--integrate {corner:g}: {what}")
     if drift > _DRIFT**2 * power:
         raise AnalysisError(
             f"--integrate {corner:g}: {math.sqrt(drift / max(power, 1e-300)):.0%} of the displacement is below "
@@ -134,11 +133,11 @@ def integrated(signals: Signals, corner: float) -> tuple[Signals, list[str]]:
     """Return signals with their accelerations as displacements, and the drift of each, a line. Raises AnalysisError."""
     columns, units, lines = [signals.excitation, signals.response], list(signals.units), []
     for place, name in enumerate(signals.names):
-        if units[place] == ACCELERATION:
+        if units[place] == _ACCELERATION:
             columns[place], drift = displacement_of(columns[place], signals.rate, corner)
-            units[place] = DISPLACEMENT
-            lines.append(f"{name}: integrated twice above {corner:g} Hz, whole from {2.0 * corner:g} Hz on; drift "
-                         f"{drift:.2g} m root mean square")  # fmt: skip
+            units[place] = _DISPLACEMENT
+            above = f"above {corner:g} Hz, whole from {2.0 * corner:g} Hz on"
+            lines.append(f"{name}: integrated twice {above}; drift {drift:.2g} m root mean square")
     if not lines:
-        raise AnalysisError(f"--integrate: given channels in {' and '.join(units)}; allowed: one in {ACCELERATION}")
+        raise AnalysisError(f"--integrate: given channels in {' and '.join(units)}; allowed: one in {_ACCELERATION}")
     return replace(signals, excitation=columns[0], response=columns[1], units=(units[0], units[1])), lines

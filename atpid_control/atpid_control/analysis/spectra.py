@@ -28,14 +28,13 @@ _COSINES = {
 
 
 @dataclass(frozen=True)
-class Averaged:
+class _Averaged:
     """Averaged spectra of two signals, one-sided densities (k,)."""
 
     frequency: Array  # (k,) [Hz]
     first: Array  # (k,) of the first signal [unit^2/Hz]
     second: Array  # (k,) of the second
     cross: Array  # (k,) E[conj(X) Y], complex
-    segments: int
     averages: float  # independent ones
     enbw: float  # equivalent noise bandwidth of the window [Hz]
 
@@ -66,7 +65,7 @@ class Spectrum:
         return math.sqrt(float(self.density.sum()) * self.resolution)
 
 
-def segment_length(samples: int, rate: float, resolution: float | None) -> int:
+def _segment_length(samples: int, rate: float, resolution: float | None) -> int:
     """Return the samples of a segment for lines `resolution` [Hz] apart; AnalysisError where the record is shorter."""
     length = round(rate / resolution) if resolution else 2 * samples // (_SEGMENTS + 1)
     if length > samples:
@@ -81,10 +80,10 @@ def segment_length(samples: int, rate: float, resolution: float | None) -> int:
 
 def averaged(
     first: Array, second: Array, rate: float, resolution: float | None = None, window: str = "hann"
-) -> Averaged:
+) -> _Averaged:
     """Return the averaged spectra of two signals (n,), of the parts where neither is NaN. Raises AnalysisError."""
     parts = list(runs(np.isfinite(first + second)))
-    length = segment_length(max((end - begin for begin, end in parts), default=0), rate, resolution)
+    length = _segment_length(max((end - begin for begin, end in parts), default=0), rate, resolution)
     overlap = 0 if window == "boxcar" else length // 2
     shape = window_of(window, length)
     sums = np.zeros((3, length // 2 + 1), dtype=complex)
@@ -98,7 +97,7 @@ def averaged(
     enbw = rate * float((shape**2).sum() / shape.sum() ** 2)
     averages = total if not overlap else total / (1.0 + 2.0 * _OVERLAP * (1.0 - 1.0 / total))
     lines = np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64)
-    return Averaged(lines, sums[0].real, sums[1].real, sums[2], total, averages, enbw)
+    return _Averaged(lines, sums[0].real, sums[1].real, sums[2], averages, enbw)
 
 
 def window_of(name: str, length: int) -> Array:

@@ -1,9 +1,9 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`atpid bag verify|check|recover|repair|extract BAG`.
+"""`atpid bag check|recover|repair|extract BAG`.
 
-Is the file whole; did the run in it keep its rules; make a whole bag of a damaged one, or make it whole in its place;
-what was it made with.
+Is the file whole, and did the run in it keep its rules; make a whole bag of a damaged one, or make it whole in its
+place; what was it made with.
 """
 
 import argparse
@@ -32,6 +32,11 @@ _BAG = "bags/thesis_4_3_short"
 
 def _bag(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=file_path, metavar="BAG", help="folder of the bag, or of the run it is in")
+
+
+def _bag_to_check(parser: argparse.ArgumentParser) -> None:
+    _bag(parser)
+    parser.add_argument("--file", action="store_true", help="the file alone, whatever was recorded")
 
 
 def _bag_and_copy(parser: argparse.ArgumentParser) -> None:
@@ -71,19 +76,6 @@ def _extract(given: argparse.Namespace) -> int:
     return DONE
 
 
-def _verify(given: argparse.Namespace) -> int:
-    """Print what is in a whole bag; of another, what is lost, before the error."""
-    bag = bag_in(given.bag)
-    try:
-        _print_verified(verify(bag))
-    except BagError:
-        with suppress(BagError):  # of a bag in sqlite3 there is none
-            for line in survey(bag):
-                print(f"lost: {line}")
-        raise
-    return DONE
-
-
 def _print_verified(found: Verified) -> None:
     for topic, count in sorted(found.by_topic.items()):
         print(f"{count:8d}  {topic}")
@@ -105,14 +97,24 @@ def _print_recovered(bag: Path, found: Recovered) -> None:
 
 
 def _check(given: argparse.Namespace) -> int:
-    """Print what the check of a bag shows; return 0, or 1 where it breaks a rule."""
-    found = check(bag_in(given.bag))
+    """Print what the check of a bag shows, or what is lost of one that breaks off; return 1 where it breaks a rule."""
+    bag = bag_in(given.bag)
+    try:
+        found = None if given.file else check(bag)
+        _print_verified(found.verified if found else verify(bag))
+    except BagError:
+        with suppress(BagError):  # of a bag in sqlite3 there is none
+            for line in survey(bag):
+                print(f"lost: {line}")
+        raise
+    if found is None:
+        return DONE
     for line in found.findings:
         print(line)
     for line in found.events:
         print(f"reported: {line}")
     print(found.line)
-    return FOUND if found.findings else 0
+    return FOUND if found.findings else DONE
 
 
 def _write_files(bag: Path, out: Path) -> None:
@@ -135,8 +137,7 @@ def _write_files(bag: Path, out: Path) -> None:
         print(file)
 
 
-VERIFY = Command(_bag, _verify, _BAG)
-CHECK = Command(_bag, _check, _BAG)
+CHECK = Command(_bag_to_check, _check, _BAG)
 RECOVER = Command(_bag_and_copy, _recover, "bags/cut_off --out out/recovered")
 REPAIR = Command(_bag, _repair, _BAG)
 EXTRACT = Command(_bag_and_files, _extract, f"{_BAG} --out out/extracted")

@@ -12,9 +12,9 @@ from atpid_sim.system import Array
 Flags = NDArray[np.bool_]
 
 #: A sample this many robust standard deviations off the fit is a spike, and left out.
-SPIKE = 6.0
+_SPIKE = 6.0
 #: Above this share of the samples outliers are not spikes but a signal the model does not describe.
-SPIKES_AT_MOST = 0.15
+_SPIKES_AT_MOST = 0.15
 #: A misfit below this share of the amplitude is not a change: it is within the accuracy of sensors and arithmetic.
 FLOOR = 1e-4
 #: Log-likelihood every further parameter has to bring before a group may join.
@@ -59,7 +59,7 @@ def without_spikes(
     """
     count = signal.size
     off = np.abs(residual_of(columns, signal, tone, active))
-    limit = SPIKE * 1.4826 * np.median(off[keep]) + 1e-9 * np.hypot(tone[2], tone[3])
+    limit = _SPIKE * 1.4826 * np.median(off[keep]) + 1e-9 * np.hypot(tone[2], tone[3])
     fresh = off <= limit
     longest = max(6.0, 0.06 * count * 2.0 * np.pi / (tone[1] * 2.0 * scale))
     spikes, run = 0, 0
@@ -68,7 +68,7 @@ def without_spikes(
         spikes += 0 if fresh[i] else 1
         if run > longest:
             return fresh, False
-    return fresh, spikes <= SPIKES_AT_MOST * count
+    return fresh, spikes <= _SPIKES_AT_MOST * count
 
 
 @compiled

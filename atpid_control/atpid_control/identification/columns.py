@@ -5,6 +5,8 @@
 The four of IEEE 1057 always take part. The others come in groups, and only where they are significant.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from atpid_control.identification.linear import compiled
@@ -18,18 +20,16 @@ HIGHEST_HARMONIC = 5
 HUM = 13
 SLOPE = 15  # amplitude and frequency changing at a constant rate
 RECENT = 17  # another amplitude and phase in the newest quarter, half and whole period
-OLD = 23  # and in the oldest quarter and half
+_OLD = 23  # and in the oldest quarter and half
 CURVE = 27  # of the offset, where it drifts
 COUNT = 28
 #: Groups of columns, (first, one past the last): the first three lie on a steady tone, the others make it unsteady.
-GROUPS = (
-    (DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT), (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4),
-    (RECENT + 4, OLD), (OLD, OLD + 2), (OLD + 2, CURVE), (CURVE, COUNT),
-)  # fmt: skip
+_FIRST = (DRIFT, HARMONICS, HUM, SLOPE, RECENT, RECENT + 2, RECENT + 4, _OLD, _OLD + 2, CURVE, COUNT)
+GROUPS = tuple(pairwise(_FIRST))
 STEADY_GROUPS = 3
-HARMONIC, FIRST_RECENT = 1, 4
-RECENT_PERIODS = (0.25, 0.5, 1.0)
-OLD_PERIODS = (0.25, 0.5)
+FIRST_RECENT = 4
+_RECENT_PERIODS = (0.25, 0.5, 1.0)
+_OLD_PERIODS = (0.25, 0.5)
 #: Groups that only a window longer than one period can distinguish from the others.
 LONG_GROUPS = (6, 7, 8)
 #: The group that joins with the drift, and never by itself.
@@ -83,11 +83,11 @@ def write_changes(
         reduced = tau[i] / scale
         columns[SLOPE, i] = reduced * (cosine * c + sine * s) * norm
         columns[SLOPE + 1, i] = reduced * columns[PHASE_RATE, i]
-        for k in range(len(RECENT_PERIODS)):
-            inside = tau[i] > end - RECENT_PERIODS[k] * period
+        for k in range(len(_RECENT_PERIODS)):
+            inside = tau[i] > end - _RECENT_PERIODS[k] * period
             columns[RECENT + 2 * k, i] = c if inside else 0.0
             columns[RECENT + 2 * k + 1, i] = s if inside else 0.0
-        for k in range(len(OLD_PERIODS)):
-            inside = tau[i] < tau[0] + OLD_PERIODS[k] * period
-            columns[OLD + 2 * k, i] = c if inside else 0.0
-            columns[OLD + 2 * k + 1, i] = s if inside else 0.0
+        for k in range(len(_OLD_PERIODS)):
+            inside = tau[i] < tau[0] + _OLD_PERIODS[k] * period
+            columns[_OLD + 2 * k, i] = c if inside else 0.0
+            columns[_OLD + 2 * k + 1, i] = s if inside else 0.0

@@ -5,7 +5,7 @@
 Noise that is not white is described as white and first-order autoregressive noise together, for a grid of memories and
 shares. A Kalman filter whitens residual and columns under each and gives its restricted likelihood (Harville, J. Am.
 Stat. Assoc. 72, 1977). Their mean over that of white noise is a Bayes factor, whose expectation under white noise is
-one. Where it exceeds `EVIDENCE` (under white noise in one of 700 windows) the bars are the largest that a likely noise
+one. Where it exceeds `_EVIDENCE` (under white noise in one of 700 windows) the bars are the largest that a likely noise
 gives.
 
 A tone whose frequency drifts slowly is described by its rate, and can be acted on like a steady one: over two periods a
@@ -16,30 +16,21 @@ either. The estimate is then that of the window's end.
 import numpy as np
 
 from atpid_control.identification import columns as col
+from atpid_control.identification import linear
 from atpid_control.identification.choice import FLOOR, Flags, best_group, chosen_columns, residual_of
-from atpid_control.identification.linear import (
-    Indices,
-    compiled,
-    dot,
-    explained,
-    factor,
-    gram,
-    inverse_corner,
-    least_squares,
-    substitute,
-)
+from atpid_control.identification.linear import Indices, compiled, dot, explained, factor, gram, least_squares
 from atpid_sim.system import Array
 
 #: Least number of blocks in which a window is averaged; memories of the noise in blocks, its variance over the white's.
-BLOCKS, MEMORIES, SHARES = 128, (1.0, 3.0, 10.0, 30.0, 100.0), (0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1000.0)
+_BLOCKS, _MEMORIES, _SHARES = 128, (1.0, 3.0, 10.0, 30.0, 100.0), (0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1000.0)
 #: Likelihood over that of white noise from which noise is not white; log-likelihood down to which one is likely.
-EVIDENCE, LIKELY = 20.0, 1.5
+_EVIDENCE, _LIKELY = 20.0, 1.5
 #: Share from which white noise is next to nothing; correlation with the past from which a residual is examined.
-ALONE, EXAMINED = 100.0, 0.05
+_ALONE, _EXAMINED = 100.0, 0.05
 
 
 @compiled
-def widening(
+def _widening(
     columns: Array, chosen: Indices, left: Array, lower: Array, gradients: Array, turns: float
 ) -> tuple[Array, bool]:
     """Return by what factors (k,) standard deviations exceed those under white noise, and whether a change would show.
@@ -49,24 +40,24 @@ def widening(
     where the residual is white. Noise slower than the tone and almost without a white part wanders as a tone changes.
     """
     factors, plain, size = np.ones(gradients.shape[0]), True, chosen.size
-    stride = max(1, left.size // BLOCKS)
+    stride = max(1, left.size // _BLOCKS)
     rows = np.empty((size + 1, left.size // stride))
     _write_blocks(left, stride, rows[size])
-    last, keep, past, joint = rows[size], np.exp(-1.0 / MEMORIES[1]), 0.0, 0.0
+    last, keep, past, joint = rows[size], np.exp(-1.0 / _MEMORIES[1]), 0.0, 0.0
     for value in last:
         joint += past * value
         past = keep * (past + value)
-    if not joint > EXAMINED * dot(last, last):
+    if not joint > _EXAMINED * dot(last, last):
         return factors, plain
     for i in range(size):
         _write_blocks(columns[chosen[i]], stride, rows[i])
     noises, white = _likely_noises(rows), dot(left, left) / (left.size - size)
     for noise in range(len(noises)):
         memory, share, variance = noises[noise, 0], noises[noise, 1], noises[noise, 3]
-        plain &= memory * turns <= last.size or share < ALONE
+        plain &= memory * turns <= last.size or share < _ALONE
         for k in range(factors.size):
             weights = gradients[k].copy()
-            substitute(lower, size, weights)
+            linear.substitute(lower, size, weights)
             past, joint, own = 0.0, 0.0, 0.0
             for j in range(last.size):
                 effect = 0.0
@@ -85,19 +76,19 @@ def _likely_noises(rows: Array) -> Array:
 
     rows: as in `_likelihood`.
     """
-    noises, likely = np.empty((len(MEMORIES) * len(SHARES), 4)), 0
+    noises, likely = np.empty((len(_MEMORIES) * len(_SHARES), 4)), 0
     highest, evidence = -np.inf, 0.0
     for noise in range(len(noises)):
-        memory, share = MEMORIES[noise // len(SHARES)], SHARES[noise % len(SHARES)]
+        memory, share = _MEMORIES[noise // len(_SHARES)], _SHARES[noise % len(_SHARES)]
         noises[noise, 0], noises[noise, 1] = memory, share
         noises[noise, 2], noises[noise, 3] = _likelihood(rows, np.exp(-1.0 / memory), share)
         highest = max(highest, noises[noise, 2])
     for noise in range(len(noises)):
         evidence += np.exp(noises[noise, 2] - highest) / len(noises)
-    if highest + np.log(evidence) <= _likelihood(rows, 0.0, 0.0)[0] + np.log(EVIDENCE):
+    if highest + np.log(evidence) <= _likelihood(rows, 0.0, 0.0)[0] + np.log(_EVIDENCE):
         return noises[:0]
     for noise in range(len(noises)):
-        if noises[noise, 2] >= highest - LIKELY:
+        if noises[noise, 2] >= highest - _LIKELY:
             for k in range(4):
                 noises[likely, k] = noises[noise, k]
             likely += 1
@@ -141,12 +132,12 @@ def _likelihood(rows: Array, keep: float, share: float) -> tuple[float, float]:
     return -0.5 * logs - free * np.log(last), last**2 / (free - 2.0)
 
 
-OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
-OFFSET, RESIDUAL, CONTENT, SLOPE, SLOPE_STD, USED, CHANGE, DRIFT = 7, 8, 9, 10, 11, 12, 13, 14
+OK, _AMPLITUDE, _A_STD, OMEGA, _O_STD, PHASE, _P_STD = 0, 1, 2, 3, 4, 5, 6
+_OFFSET, _RESIDUAL, _CONTENT, _SLOPE, _SLOPE_STD, USED, CHANGE, _DRIFT = 7, 8, 9, 10, 11, 12, 13, 14
 WIDENED, FOREIGN = 15, 16
 RESULTS = 17
 #: From this share of readings equal to the one before their step is coarse [-].
-COARSE = 0.05
+_COARSE = 0.05
 
 
 @compiled
@@ -164,41 +155,41 @@ def report(out: Array, columns: Array, y: Array, tone: Array, scale: float, cent
     if n <= chosen.size or not factor(matrix, chosen, lower):
         return
     variance = dot(left, left) / (n - chosen.size)
-    c = inverse_corner(lower, chosen.size, 4)
+    c = linear.inverse_corner(lower, chosen.size, 4)
     amplitude = np.hypot(a, b)
     if not amplitude > 0.0:
         return
     along, across = a / amplitude, b / amplitude
-    out[AMPLITUDE] = amplitude
+    out[_AMPLITUDE] = amplitude
     spread = along * along * c[0, 0] + 2.0 * along * across * c[0, 1] + across * across * c[1, 1]
-    out[A_STD] = np.sqrt(variance * spread)
+    out[_A_STD] = np.sqrt(variance * spread)
     out[OMEGA] = omega
-    out[O_STD] = np.sqrt(variance * c[3, 3]) / (amplitude * scale)
+    out[_O_STD] = np.sqrt(variance * c[3, 3]) / (amplitude * scale)
     out[PHASE] = np.arctan2(a, b) - omega * centre
     # phase = atan2(a, b) + omega (end - centre): gradient with respect to a, b and the scaled rate
     g0, g1, g3 = b / amplitude**2, -a / amplitude**2, -centre / (amplitude * scale)
-    out[P_STD] = np.sqrt(variance * (g0 * g0 * c[0, 0] + g1 * g1 * c[1, 1] + g3 * g3 * c[3, 3]
+    out[_P_STD] = np.sqrt(variance * (g0 * g0 * c[0, 0] + g1 * g1 * c[1, 1] + g3 * g3 * c[3, 3]
                                       + 2.0 * (g0 * g1 * c[0, 1] + g0 * g3 * c[0, 3] + g1 * g3 * c[1, 3])))  # fmt: skip
     out[WIDENED], out[FOREIGN], periods = 1.0, np.inf, omega * scale / np.pi
     if out[CHANGE] == 0.0 and variance > (FLOOR * amplitude) ** 2:
         gradients = np.zeros((3, chosen.size))
         gradients[0, 0], gradients[0, 1], gradients[1, 3] = along, across, 1.0 / (amplitude * scale)
         gradients[2, 0], gradients[2, 1], gradients[2, 3] = g0, g1, g3
-        factors, plain = widening(columns, chosen, left, lower, gradients, 2.0 * np.pi * periods)
-        for k, place in enumerate((A_STD, O_STD, P_STD)):
+        factors, plain = _widening(columns, chosen, left, lower, gradients, 2.0 * np.pi * periods)
+        for k, place in enumerate((_A_STD, _O_STD, _P_STD)):
             out[place] *= factors[k]
         out[WIDENED], out[FOREIGN] = factors.max(), np.inf if plain else np.sqrt(variance)
         rounding = _rounding(y, variance, amplitude, periods)
         if rounding > 0.0:
-            out[A_STD] = np.sqrt(out[A_STD] ** 2 + rounding)
+            out[_A_STD] = np.sqrt(out[_A_STD] ** 2 + rounding)
     end = centre / scale
-    out[OFFSET] = tone[2 + col.ONE] - tone[2 + col.DRIFT] * end + tone[2 + col.CURVE] * (end * end - 1.0 / 3.0)
-    out[RESIDUAL] = np.sqrt(variance)
-    out[CONTENT] = _harmonic_content(columns, left, tone, active, variance)
+    out[_OFFSET] = tone[2 + col.ONE] - tone[2 + col.DRIFT] * end + tone[2 + col.CURVE] * (end * end - 1.0 / 3.0)
+    out[_RESIDUAL] = np.sqrt(variance)
+    out[_CONTENT] = _harmonic_content(columns, left, tone, active, variance)
     out[USED] = n
-    out[SLOPE], out[SLOPE_STD] = _slope(columns, left, active, variance)
-    out[SLOPE] /= amplitude
-    out[SLOPE_STD] /= amplitude
+    out[_SLOPE], out[_SLOPE_STD] = _slope(columns, left, active, variance)
+    out[_SLOPE] /= amplitude
+    out[_SLOPE_STD] /= amplitude
     out[OK] = 1.0
 
 
@@ -214,7 +205,7 @@ def _rounding(y: Array, variance: float, amplitude: float, periods: float) -> fl
         step = abs(y[i] - y[i - 1])
         if step > 0.0:
             moved, least = moved + 1, min(least, step)
-    if moved > (1.0 - COARSE) * (y.size - 1) or moved == 0 or variance > least**2 / 8.0:
+    if moved > (1.0 - _COARSE) * (y.size - 1) or moved == 0 or variance > least**2 / 8.0:
         return 0.0
     return float(least**3 / (45.0 * amplitude * periods))
 
@@ -230,7 +221,7 @@ def _slope(columns: Array, left: Array, active: Flags, variance: float) -> tuple
     independent, solution, lower = least_squares(columns, chosen, left)
     if not independent:
         return 0.0, np.inf
-    return solution[0], np.sqrt(variance * inverse_corner(lower, chosen.size, 1)[0, 0])
+    return solution[0], np.sqrt(variance * linear.inverse_corner(lower, chosen.size, 1)[0, 0])
 
 
 @compiled
@@ -251,7 +242,7 @@ def _harmonic_content(columns: Array, left: Array, tone: Array, active: Flags, v
 
 
 #: Place of the group of columns with which amplitude and frequency change at constant rates.
-RATES = 3
+_RATES = 3
 #: Change of the amplitude over half a window up to which only the frequency drifts [-].
 _LEVEL = 0.005
 
@@ -269,10 +260,10 @@ def follow_drift(
     change best.
     """
     (hum, scale), (slow, threshold) = of_window, limits
-    if not (group == RATES and slow > 0.0 and out[OK] > 0.0 and out[CHANGE] > 0.0):
+    if not (group == _RATES and slow > 0.0 and out[OK] > 0.0 and out[CHANGE] > 0.0):
         return
     rates = active.copy()
-    rates[RATES] = True
+    rates[_RATES] = True
     chosen = chosen_columns(rates)
     independent, solution, lower = least_squares(columns, chosen, residual_of(columns, y, tone, active))
     if t.size <= chosen.size or not independent:
@@ -296,16 +287,16 @@ def follow_drift(
     variance = dot(left, left) / (t.size - chosen.size)
     gradient = np.zeros(col.COUNT)
     gradient[0], gradient[1] = a / amplitude, b / amplitude
-    wider = widening(columns, chosen, left, lower, gradient[chosen].reshape(1, -1), 0.0)[0][0]
+    wider = _widening(columns, chosen, left, lower, gradient[chosen].reshape(1, -1), 0.0)[0][0]
     if wider > 1.0 and variance > (FLOOR * amplitude) ** 2:  # a drift cannot be distinguished from such noise
         return
-    out[AMPLITUDE], out[A_STD] = amplitude, np.sqrt(variance * explained(lower, gradient, chosen))
+    out[_AMPLITUDE], out[_A_STD] = amplitude, np.sqrt(variance * explained(lower, gradient, chosen))
     gradient[:] = 0.0
     gradient[col.PHASE_RATE], gradient[col.SLOPE + 1] = 1.0 / (amplitude * scale), 2.0 / (amplitude * scale)
     out[OMEGA] = omega + 2.0 * bend / scale
-    out[O_STD] = np.sqrt(variance * explained(lower, gradient, chosen))
+    out[_O_STD] = np.sqrt(variance * explained(lower, gradient, chosen))
     gradient[0], gradient[1] = b / amplitude**2, -a / amplitude**2
     gradient[col.PHASE_RATE], gradient[col.SLOPE + 1] = 1.0 / amplitude, 1.0 / amplitude
     out[PHASE] = np.arctan2(a, b) + omega * scale + bend
-    out[P_STD] = np.sqrt(variance * explained(lower, gradient, chosen))
-    out[RESIDUAL], out[DRIFT], out[CHANGE] = np.sqrt(variance), rate, 0.0
+    out[_P_STD] = np.sqrt(variance * explained(lower, gradient, chosen))
+    out[_RESIDUAL], out[_DRIFT], out[CHANGE] = np.sqrt(variance), rate, 0.0

@@ -42,13 +42,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         top = self.analysis_rate / 8.0
+        highest = f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz"
         limits = {
             "window_periods": (self.window_periods >= 1.0, "at least 1"),
             "lowest_frequency": (0.0 < self.lowest_frequency < math.inf, "above 0 Hz"),
-            "highest_frequency": (
-                self.lowest_frequency < self.highest_frequency <= top,
-                f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz",
-            ),
+            "highest_frequency": (self.lowest_frequency < self.highest_frequency <= top, highest),
             "mains_frequency": (self.mains_frequency >= 0.0, "0 (none) or above"),
             "least_amplitude": (self.least_amplitude >= 0.0, "at least 0"),
             "change": (0.0 < self.change < 1.0, "between 0 and 1"),
@@ -111,9 +109,7 @@ class Estimate:
                 f"displacement of {self.amplitude / omega**2:.2g} m within {relative:.0%}; allowed: {_VAGUE:.0%}; "
                 f"excite above {self.frequency * math.sqrt(relative / _VAGUE):.3g} Hz, or measure displacement"
             )
-        amplitude = self.amplitude / omega**2
-        return replace(
-            self, amplitude=amplitude, amplitude_std=amplitude * relative, offset=nan,
-            phase=math.remainder(self.phase + math.pi, 2.0 * math.pi), residual=self.residual / omega**2,
-            harmonics=self.harmonics / 4.0,
-        )  # fmt: skip
+        amplitude, residual = self.amplitude / omega**2, self.residual / omega**2
+        phase, harmonics = math.remainder(self.phase + math.pi, 2.0 * math.pi), self.harmonics / 4.0
+        moved = replace(self, amplitude=amplitude, amplitude_std=amplitude * relative, residual=residual)
+        return replace(moved, phase=phase, offset=nan, harmonics=harmonics)

@@ -20,9 +20,9 @@ from atpid_control.identification.estimate import Estimate, Settings
 from atpid_control.identification.window import SampleBuffer, seed_frequency
 from atpid_sim.system import Array
 
-TAU = 2.0 * math.pi
+_TAU = 2.0 * math.pi
 #: Periods of the first tone that are looked at, and samples of each after averaging.
-PERIODS, _A_PERIOD = 11.0, 40
+_PERIODS, _A_PERIOD = 11.0, 40
 #: Tones at most.
 _MOST = 4
 #: Tones are apart by this many cycles in that time; so far from a harmonic of the first a tone is none of it.
@@ -66,9 +66,8 @@ class OtherExcitation:
     def sentence(self, unit: str) -> str:
         """Return what it is, and what follows; unit: of the amplitudes."""
         if self.kind == "shock":
-            return (
-                f"a shock of {self.amplitudes[0]:.3g} {unit} that lasted {self.lasted:.2g} s: no tone, no height for it"
-            )
+            what = f"a shock of {self.amplitudes[0]:.3g} {unit} that lasted {self.lasted:.2g} s"
+            return f"{what}: no tone, no height for it"
         if self.kind == "random":
             what = f"a random signal excites the structure, {self.amplitudes[0]:.3g} {unit} RMS"
         else:
@@ -84,7 +83,7 @@ class ExcitationWatch:
         """Take the share of the first amplitude that counts and the limits of tones; samples come at `rate` [Hz]."""
         self.share, self._hum = settings.second_tone, settings.mains_frequency
         self._limits = settings.lowest_frequency, settings.highest_frequency
-        self._buffer = SampleBuffer(1, rate, PERIODS / settings.lowest_frequency, settings.analysis_rate)
+        self._buffer = SampleBuffer(1, rate, _PERIODS / settings.lowest_frequency, settings.analysis_rate)
         self.found: OtherExcitation | None = None
         self._next = 0.0  # when to look again [s]
         self._votes = 0
@@ -113,7 +112,7 @@ class ExcitationWatch:
 
     def _due(self, time: float, wait: float) -> bool:
         """Whether to look now, and then not before `wait` [s] are over."""
-        if self._next - 2.0 * PERIODS * wait <= time < self._next:
+        if self._next - 2.0 * _PERIODS * wait <= time < self._next:
             return False
         self._next = round(time + wait, 6)
         return True
@@ -121,13 +120,13 @@ class ExcitationWatch:
     def _judge(self, time: float, frequency: float) -> None:
         now = self._look(frequency)
         if now is not None and now.kind == "tones":
-            self._mixed = time + PERIODS / frequency
+            self._mixed = time + _PERIODS / frequency
         elif now is not None and time < self._mixed:
             now = None  # a tone that ends within the time looked at leaves what looks random
         kind, before = now and now.kind, self.found and self.found.kind
         self._votes = max(self._votes - _AGREEING, 0) if kind == before else self._votes + 1
         # tones that grow or end look random for as long as that is within the time looked at
-        needed = _ENDING if before == "random" else PERIODS if kind == "random" else _AGREEING
+        needed = _ENDING if before == "random" else _PERIODS if kind == "random" else _AGREEING
         if kind == before:
             self.found = now
         elif self._votes >= needed:
@@ -135,7 +134,7 @@ class ExcitationWatch:
 
     def _look(self, frequency: float) -> OtherExcitation | None:
         buffer = self._buffer
-        count = math.ceil(round(PERIODS / (frequency * buffer.step), 6))
+        count = math.ceil(round(_PERIODS / (frequency * buffer.step), 6))
         if count > buffer.size:
             return None
         signal = buffer.newest(count)[0]
@@ -210,10 +209,10 @@ def _unevenness(t: Array, y: Array, frequency: float, hum: float) -> float:
         part, time = y[inside], t[inside] - begin - 0.5 * length
         power = float(np.var(part))
         own = seed_frequency(part * np.hanning(part.size), 1.0 / (t[1] - t[0]), 0.4 * frequency, 2.5 * frequency)
-        angle = TAU * (frequency if math.isnan(own) else own) * time
+        angle = _TAU * (frequency if math.isnan(own) else own) * time
         columns = [np.ones_like(time), time, time * np.cos(angle), time * np.sin(angle)]
         columns += [function(k * angle) for k in (1.0, *_HARMONICS) for function in (np.cos, np.sin)]
-        columns += [function(TAU * hum * time) for function in (np.cos, np.sin)] if hum else []
+        columns += [function(_TAU * hum * time) for function in (np.cos, np.sin)] if hum else []
         left = part - np.linalg.lstsq(np.array(columns).T, part, rcond=None)[0] @ np.array(columns)
         shares.append((float(np.var(left)), power))
     if not shares:
@@ -229,8 +228,8 @@ def _converged(t: Array, y: Array, seeds: Sequence[float], length: float) -> tup
     for _ in range(_STEPS):
         values, left = _fitted(t, y, frequencies)
         cosine, sine = values[0 : 2 * count : 2], values[1 : 2 * count : 2]
-        angles = TAU * np.outer(frequencies, t)
-        slopes = TAU * t * (sine[:, None] * np.cos(angles) - cosine[:, None] * np.sin(angles))
+        angles = _TAU * np.outer(frequencies, t)
+        slopes = _TAU * t * (sine[:, None] * np.cos(angles) - cosine[:, None] * np.sin(angles))
         columns = np.vstack([_columns(t, frequencies), slopes])
         change = np.linalg.lstsq(columns.T, left, rcond=None)[0][-count:]
         frequencies = frequencies + np.clip(change, -0.5 / length, 0.5 / length)
@@ -242,7 +241,7 @@ def _converged(t: Array, y: Array, seeds: Sequence[float], length: float) -> tup
 
 def _columns(t: Array, frequencies: Array | Sequence[float]) -> Array:
     """Return cosine and sine of each frequency [Hz], an offset and a drift (2 n + 2, samples)."""
-    tones = [function(TAU * frequency * t) for frequency in frequencies for function in (np.cos, np.sin)]
+    tones = [function(_TAU * frequency * t) for frequency in frequencies for function in (np.cos, np.sin)]
     return np.vstack([*tones, np.ones_like(t), t - t.mean()])
 
 

@@ -27,17 +27,17 @@ from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
 #: Up to this gap, as a share of the beam's amplitude, the damper counts as closed.
-CLOSED_GAP = 0.02
+_CLOSED_GAP = 0.02
 #: Relative standard deviations of stiffness and damping: a calibrated beam's, with a margin [-].
-MODEL_ERROR = (0.005, 0.05)
+_MODEL_ERROR = (0.005, 0.05)
 #: Estimates agree within this many standard deviations.
-AGREE = 3.0
+_AGREE = 3.0
 #: A beam this regular is on no branch of the table that scatters more [-].
-REGULAR = 0.02
+_REGULAR = 0.02
 
 
 #: From the height of the open damper [m] to support amplitudes, the beam's steady ones and their spread, each (n,) [m].
-AmplitudeRelation = Callable[[float], tuple[Array, Array, Array]]
+_AmplitudeRelation = Callable[[float], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ClosedBeam:
 class ModelInverse:
     """From the beam's motion to the support's, by the model at the present height."""
 
-    def __init__(self, beam: ClosedBeam, closed_height: float, relation: AmplitudeRelation) -> None:
+    def __init__(self, beam: ClosedBeam, closed_height: float, relation: _AmplitudeRelation) -> None:
         """Take the closed beam, the height at which the damper is closed [m], and the relation where it is open."""
         self._beam, self._closed, self._relation = beam, closed_height, relation
         self._past: deque[tuple[float, float, float]] = deque()  # time, amplitude, its std by chance
@@ -75,7 +75,7 @@ class ModelInverse:
             raise IdentificationError("origin: given beam; allowed for several modes, or with drive force: support")
 
         beam = ClosedBeam(scene.total_mass, scene.beam.stiffness, scene.beam.damping)
-        return cls(beam, 2.0 * scene.grain.radius, SimulatedRelation(scene).at)
+        return cls(beam, 2.0 * scene.grain.radius, _SimulatedRelation(scene).at)
 
     def support_of(self, beam: Estimate, height: float) -> Estimate:
         """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m].
@@ -85,7 +85,7 @@ class ModelInverse:
         """
         if beam.quality == Quality.NONE or not math.isfinite(height):
             return Estimate(time=beam.time, last_index=beam.last_index, origin=beam.origin)
-        if height - self._closed <= CLOSED_GAP * beam.amplitude:
+        if height - self._closed <= _CLOSED_GAP * beam.amplitude:
             return self._through_one_mass(beam)
         return self._through_relation(beam, height)
 
@@ -94,13 +94,9 @@ class ModelInverse:
         inverse = self._beam.inverse(omega, growth)
         chance, model = self._errors(beam, abs(inverse))
         amplitude = beam.amplitude * abs(inverse)
-        support = replace(
-            beam,
-            amplitude=amplitude,
-            amplitude_std=amplitude * math.hypot(chance, model),
-            phase=math.remainder(beam.phase + cmath.phase(inverse), 2.0 * math.pi),
-            phase_std=math.hypot(beam.phase_std, chance, model),
-        )
+        phase = math.remainder(beam.phase + cmath.phase(inverse), 2.0 * math.pi)
+        moved = replace(beam, phase=phase, phase_std=math.hypot(beam.phase_std, chance, model))
+        support = replace(moved, amplitude=amplitude, amplitude_std=amplitude * math.hypot(chance, model))
         return replace(support, quality=self._steadiness(support, amplitude * chance))
 
     def _errors(self, beam: Estimate, gain: float) -> tuple[float, float]:
@@ -114,7 +110,7 @@ class ModelInverse:
         def off(*cases: tuple[ClosedBeam, float, float]) -> float:
             return max(abs(abs(model.inverse(at, rate)) / gain - 1.0) for model, at, rate in cases)
 
-        closed, (stiffness, damping) = self._beam, MODEL_ERROR
+        closed, (stiffness, damping) = self._beam, _MODEL_ERROR
         chance = math.hypot(
             beam.amplitude_std / beam.amplitude,
             off((closed, omega + omega_std, growth), (closed, omega - omega_std, growth)),
@@ -122,19 +118,16 @@ class ModelInverse:
         )
         softer, stiffer = (replace(closed, stiffness=closed.stiffness * (1.0 + s * stiffness)) for s in (-1, 1))
         freer, damped = (replace(closed, damping=closed.damping * (1.0 + s * damping)) for s in (-1, 1))
-        model = math.hypot(
-            off((softer, omega, growth), (stiffer, omega, growth)), off((freer, omega, growth), (damped, omega, growth))
-        )
-        return chance, model
+        by_stiffness = off((softer, omega, growth), (stiffer, omega, growth))
+        return chance, math.hypot(by_stiffness, off((freer, omega, growth), (damped, omega, growth)))
 
     def _steadiness(self, support: Estimate, chance: float) -> Quality:
         """Steady, if the support's estimates agree over a whole window, even while the beam is transient."""
         while self._past and self._past[0][0] < support.time - support.window:
             self._past.popleft()
         whole = bool(self._past) and self._past[0][0] <= support.time - 0.8 * support.window
-        same = all(
-            abs(amplitude - support.amplitude) <= AGREE * math.hypot(chance, std) for _, amplitude, std in self._past
-        )
+        off = ((abs(amplitude - support.amplitude), math.hypot(chance, std)) for _, amplitude, std in self._past)
+        same = all(difference <= _AGREE * std for difference, std in off)
         self._past.append((support.time, support.amplitude, chance))
         if support.quality == Quality.POOR:
             return Quality.POOR
@@ -146,29 +139,21 @@ class ModelInverse:
         smooth = regular_branch(response, spread) if beam.quality == Quality.STEADY else response
         ends = crossings(support, smooth, spread, beam.amplitude, beam.amplitude_std)
         ends = ends or crossings(support, response, spread, beam.amplitude, beam.amplitude_std)
+        unknown = replace(beam, phase=math.nan, phase_std=math.nan)
         if not ends:
-            return replace(
-                beam,
-                quality=Quality.POOR,
-                amplitude=math.nan,
-                amplitude_std=math.nan,
-                phase=math.nan,
-                phase_std=math.nan,
-            )
+            return replace(unknown, quality=Quality.POOR, amplitude=math.nan, amplitude_std=math.nan)
         low, high = min(a for a, _ in ends), max(b for _, b in ends)
         quality = beam.quality if len(ends) == 1 else Quality.POOR
         amplitude = 0.5 * (low + high)
         # the damping's error acts less where the grain takes most of the energy, the stiffness's as in the closed beam
-        model = amplitude * math.hypot(*MODEL_ERROR)
-        return replace(
-            beam, quality=quality, amplitude=amplitude, amplitude_std=math.hypot(0.5 * (high - low), model),
-            phase=math.nan, phase_std=math.nan,
-        )  # fmt: skip
+        model = amplitude * math.hypot(*_MODEL_ERROR)
+        std = math.hypot(0.5 * (high - low), model)
+        return replace(unknown, quality=quality, amplitude=amplitude, amplitude_std=std)
 
 
 def regular_branch(response: Array, spread: Array) -> Array:
     """Return the responses (n,) [m] with NaN where they scatter; a regular stretch is carried on for one point."""
-    regular = spread <= REGULAR * response
+    regular = spread <= _REGULAR * response
     found = np.where(regular, response, np.nan)
     for here in np.flatnonzero(~regular):
         for step in (1, -1):
@@ -197,27 +182,27 @@ def crossings(
 
 
 #: Heights are tabulated this finely: the ceiling is not positioned better [m].
-HEIGHT_STEP = 0.005
+_HEIGHT_STEP = 0.005
 #: Periods simulated and, of these, looked at.
-PERIODS, LOOKED_AT = 60, 16
+_PERIODS, _LOOKED_AT = 60, 16
 #: Samples a period of a simulated trajectory.
-SAMPLES = 40
-POINTS = 40
+_SAMPLES = 40
+_POINTS = 40
 
 
-class SimulatedRelation:
+class _SimulatedRelation:
     """Simulates the standing ceiling at the nearest tabulated height, over the thesis's support amplitudes."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene, self._amplitudes = scene, np.geomspace(0.002, 0.08, POINTS)
+        self._scene, self._amplitudes = scene, np.geomspace(0.002, 0.08, _POINTS)
         self._tables: dict[int, tuple[Array, Array, Array]] = {}
 
     def at(self, height: float) -> tuple[Array, Array, Array]:
         """Return support amplitudes, the beam's and the beam's spread, each (n,) [m]; about 0.1 s a new height."""
-        key = round(height / HEIGHT_STEP)
+        key = round(height / _HEIGHT_STEP)
         if key not in self._tables:
             lowest = 2.0 * self._scene.grain.radius
-            tabulated = max(key * HEIGHT_STEP, lowest)
+            tabulated = max(key * _HEIGHT_STEP, lowest)
             results = [self._response(tabulated, float(amplitude)) for amplitude in self._amplitudes]
             known = [(a, *result) for a, result in zip(self._amplitudes, results, strict=True) if result is not None]
             support, response, spread = np.array(known).T
@@ -229,24 +214,23 @@ class SimulatedRelation:
         from atpid_sim.simulation.simulate import trajectory  # here, since support signals need no simulation
 
         frequency = self._scene.frequency_hz
-        duration = PERIODS / frequency
-        scene = self._scene.with_(
-            height=height, amplitude=amplitude, frequency=frequency, duration=duration, initial=None,
-            steady_window=(duration - LOOKED_AT / frequency, duration),
-        )  # fmt: skip
-        rate = SAMPLES * frequency
+        duration = _PERIODS / frequency
+        excited = self._scene.with_(height=height, amplitude=amplitude, frequency=frequency, initial=None)
+        scene = excited.with_(duration=duration, steady_window=(duration - _LOOKED_AT / frequency, duration))
+        rate = _SAMPLES * frequency
         try:
             beam = trajectory(scene, rate, "soft").beam
         except NumericalFailure:
             return None
         found = [
-            _fundamental(beam[-(k + 2) * SAMPLES : len(beam) - k * SAMPLES], rate) for k in range(0, LOOKED_AT - 1, 2)
+            _fundamental(beam[-(k + 2) * _SAMPLES : len(beam) - k * _SAMPLES], rate)
+            for k in range(0, _LOOKED_AT - 1, 2)
         ]
         return float(np.mean(found)), float(np.std(found))
 
 
 def _fundamental(signal: Array, rate: float) -> float:
-    seed = seed_frequency(signal, rate, 0.02 * rate / SAMPLES * SAMPLES / 2.0, 0.1 * rate)
+    seed = seed_frequency(signal, rate, 0.02 * rate / _SAMPLES * _SAMPLES / 2.0, 0.1 * rate)
     tau = (np.arange(signal.size) - (signal.size - 1)) / rate
     fit = fit_sine(tau, signal, 2.0 * math.pi * seed, 0.0, math.inf)
     return float(0.5 * (signal.max() - signal.min())) if fit is None else fit.amplitude

@@ -16,33 +16,28 @@ from atpid_control.identification.estimate import ACCELERATION, Estimate, Identi
 from atpid_control.identification.excitation_kind import ExcitationWatch, OtherExcitation
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import SineFit, fit_sine
-from atpid_control.identification.window import (
-    SampleBuffer,
-    seed_frequency,
-    smoothed_half_peak_to_peak,
-    without_clipping,
-)
+from atpid_control.identification.window import SampleBuffer, seed_frequency, smoothed_half_range, without_clipping
 from atpid_sim.system import Array
 
-TAU = 2.0 * math.pi
+_TAU = 2.0 * math.pi
 #: A tone must stand out of the residual by so many standard deviations: noise alone reaches it once in 10^10 fits.
-SIGNIFICANT = 7.0
+_SIGNIFICANT = 7.0
 #: Windows are cut by the seed's frequency, so one period may turn out this much shorter.
-ONE_PERIOD = 0.97
+_ONE_PERIOD = 0.97
 #: A window cut by a frequency further off than this is cut again.
-RECUT = 0.05
+_RECUT = 0.05
 #: A seed this near to the last frequency is the same tone.
-NEAR = 0.15
+_NEAR = 0.15
 #: One period may be called steady while two are not, if no larger change of amplitude can hide in its noise [-].
-HIDDEN_CHANGE = 0.02
+_HIDDEN_CHANGE = 0.02
 #: With more than this share of the samples lost a change cannot be distinguished from the gaps.
-CHANGE_LOST = 0.25
+_CHANGE_LOST = 0.25
 #: Over the residual of the newest period alone: what leaves less in the whole window is there, and no change.
-ALL_THERE_IS = 1.2
+_ALL_THERE_IS = 1.2
 
 
 @dataclass(frozen=True)
-class Tone:
+class _Tone:
     """A fitted tone, its window and what was missing from it."""
 
     fit: SineFit
@@ -53,10 +48,10 @@ class Tone:
     @property
     def frequency(self) -> float:
         """Frequency [Hz]."""
-        return self.fit.omega / TAU
+        return self.fit.omega / _TAU
 
 
-class ToneFinder:
+class _ToneFinder:
     """Follows the tone of one channel of a buffer."""
 
     def __init__(self, settings: Settings, shorten: bool = True) -> None:
@@ -65,7 +60,7 @@ class ToneFinder:
         self.frequency = math.nan  # of the last tone found [Hz]
         self.acceleration = False  # whether the channel is one [m/s^2]
 
-    def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
+    def find(self, buffer: SampleBuffer, channel: int) -> _Tone | None:
         """Return the tone in the newest samples; None where there is none, or less than a period of it."""
         known = not math.isnan(self.frequency)
         periods = self.settings.window_periods
@@ -78,7 +73,7 @@ class ToneFinder:
         self.frequency = math.nan if tone is None else tone.frequency
         return tone
 
-    def _search(self, buffer: SampleBuffer, channel: int, count: int) -> Tone | None:
+    def _search(self, buffer: SampleBuffer, channel: int, count: int) -> _Tone | None:
         """Seed from the newest `count` samples, then fit in the window that the seed defines."""
         s = self.settings
         signal = without_clipping(buffer.newest(count)[channel], s.saturation)
@@ -86,21 +81,21 @@ class ToneFinder:
         if math.isnan(seed):
             return None
         # the seed is coarse; near the last frequency that one cuts whole periods better
-        near = abs(seed / self.frequency - 1.0) < NEAR
+        near = abs(seed / self.frequency - 1.0) < _NEAR
         tone = self._in_window(buffer, channel, self.frequency if near else seed, s.window_periods, seed)
-        if tone is not None and abs(tone.frequency / seed - 1.0) > RECUT:
+        if tone is not None and abs(tone.frequency / seed - 1.0) > _RECUT:
             tone = self._in_window(buffer, channel, tone.frequency, s.window_periods)
         return tone
 
-    def _shorter(self, buffer: SampleBuffer, channel: int, tone: Tone) -> Tone:
+    def _shorter(self, buffer: SampleBuffer, channel: int, tone: _Tone) -> _Tone:
         """Return the newest period alone where it is certainly steady, which is a period earlier; else `tone`."""
         short = self._in_window(buffer, channel, tone.frequency, 1.0)
         if short is None or short.quality == Quality.POOR:
             return tone
         sure = math.sqrt(2.0 * (self.settings.change_likelihood + 2.0 * PENALTY))
-        if tone.fit.foreign <= ALL_THERE_IS * short.fit.residual:
+        if tone.fit.foreign <= _ALL_THERE_IS * short.fit.residual:
             return replace(tone, quality=Quality.POOR)
-        hidden = short.fit.slope_std * short.fit.widened * sure > HIDDEN_CHANGE
+        hidden = short.fit.slope_std * short.fit.widened * sure > _HIDDEN_CHANGE
         return replace(short, quality=Quality.TRANSIENT) if hidden else short
 
     def _count(self, buffer: SampleBuffer, periods: float, frequency: float) -> int:
@@ -109,10 +104,10 @@ class ToneFinder:
 
     def _in_window(
         self, buffer: SampleBuffer, channel: int, frequency: float, periods: float, seed: float = math.nan
-    ) -> Tone | None:
+    ) -> _Tone | None:
         """Fit in a window of `periods` of `frequency` [Hz], from `seed` [Hz] where another one is given."""
         count = self._count(buffer, periods, frequency)
-        if count * buffer.step * frequency < ONE_PERIOD:
+        if count * buffer.step * frequency < _ONE_PERIOD:
             return None
         signal = without_clipping(buffer.newest(count)[channel], self.settings.saturation)
         tau = buffer.times(count)
@@ -120,24 +115,24 @@ class ToneFinder:
         lost = count - int(np.count_nonzero(valid))
         if lost:
             tau, signal = tau[valid], signal[valid]
-        hum = TAU * self.settings.mains_frequency
+        hum = _TAU * self.settings.mains_frequency
         start = frequency if math.isnan(seed) else seed
-        fit = fit_sine(tau, signal, TAU * start, hum, self.settings.change_likelihood, self.settings.slow_drift)
+        fit = fit_sine(tau, signal, _TAU * start, hum, self.settings.change_likelihood, self.settings.slow_drift)
         return None if fit is None else self._judged(fit, count, lost, buffer)
 
-    def _judged(self, fit: SineFit, count: int, lost: int, buffer: SampleBuffer) -> Tone | None:
+    def _judged(self, fit: SineFit, count: int, lost: int, buffer: SampleBuffer) -> _Tone | None:
         s, window = self.settings, count * buffer.step
-        frequency = fit.omega / TAU
-        significant = fit.amplitude > SIGNIFICANT * fit.residual * math.sqrt(2.0 / fit.used)
+        frequency = fit.omega / _TAU
+        significant = fit.amplitude > _SIGNIFICANT * fit.residual * math.sqrt(2.0 / fit.used)
         inside = 0.9 * s.lowest_frequency < frequency < 1.1 * s.highest_frequency
         size = fit.amplitude / fit.omega**2 if self.acceleration else fit.amplitude
-        if not (significant and inside and size >= s.least_amplitude and frequency * window >= ONE_PERIOD):
+        if not (significant and inside and size >= s.least_amplitude and frequency * window >= _ONE_PERIOD):
             return None
-        return Tone(fit, window, lost * buffer.divisor, self._quality(fit, lost / count))
+        return _Tone(fit, window, lost * buffer.divisor, self._quality(fit, lost / count))
 
     def _quality(self, fit: SineFit, lost: float) -> Quality:
         s = self.settings
-        if lost > s.poor_lost or (fit.change > 0.0 and lost > CHANGE_LOST):
+        if lost > s.poor_lost or (fit.change > 0.0 and lost > _CHANGE_LOST):
             return Quality.POOR
         if fit.change > 0.0:
             return Quality.TRANSIENT
@@ -151,12 +146,12 @@ class ToneFinder:
 
 
 #: Steady estimates differ by noise alone up to this many of their standard deviations.
-SIGMAS = 6.0
+_SIGMAS = 6.0
 #: A share of `change` this small in frequency counts as one: heights depend on it much more than on amplitude.
-FREQUENCY_SHARE = 0.5
+_FREQUENCY_SHARE = 0.5
 
 
-class ChangeTracker:
+class _ChangeTracker:
     """Compares each estimate with the first steady one since the last change.
 
     `changed` stays true from the first sign of a change up to and including the steady estimate that ends it. The first
@@ -197,9 +192,9 @@ class ChangeTracker:
         return replace(old, frequency=old.frequency + min(max(new.frequency - old.frequency, -most), most))
 
     def _differ(self, old: Estimate, new: Estimate) -> bool:
-        amplitude = max(self.change * old.amplitude, SIGMAS * math.hypot(old.amplitude_std, new.amplitude_std))
-        chance = SIGMAS * math.hypot(old.frequency_std, new.frequency_std)
-        frequency = max(FREQUENCY_SHARE * self.change * old.frequency, chance)
+        amplitude = max(self.change * old.amplitude, _SIGMAS * math.hypot(old.amplitude_std, new.amplitude_std))
+        chance = _SIGMAS * math.hypot(old.frequency_std, new.frequency_std)
+        frequency = max(_FREQUENCY_SHARE * self.change * old.frequency, chance)
         return abs(new.amplitude - old.amplitude) > amplitude or abs(new.frequency - old.frequency) > frequency
 
 
@@ -216,8 +211,8 @@ class Identifier:
         """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
         self._settings, self._inverse = settings, inverse
         # the growth of a transient beam is estimated better in a longer window
-        self._finder = ToneFinder(settings, shorten=inverse is None)
-        self._tracker = ChangeTracker(settings.change, settings.slow_drift)
+        self._finder = _ToneFinder(settings, shorten=inverse is None)
+        self._tracker = _ChangeTracker(settings.change, settings.slow_drift)
         self._watch: ExcitationWatch | None = None
         self._buffer: SampleBuffer | None = None
         self._last_index = 0
@@ -266,7 +261,7 @@ class Identifier:
         changed = self._tracker.judge(estimate)
         beam_amplitude = self._beam_amplitude(estimate, beam is not None)
         if units[Origin.BEAM] == ACCELERATION:
-            beam_amplitude /= (TAU * estimate.frequency) ** 2
+            beam_amplitude /= (_TAU * estimate.frequency) ** 2
         return replace(estimate, changed=changed, beam_amplitude=beam_amplitude)
 
     def _new_buffer(self, rate: float) -> SampleBuffer:
@@ -276,8 +271,8 @@ class Identifier:
                 f"rate: given {rate:g} Hz; allowed: at least 8 samples a period of the highest frequency, "
                 f"{8.0 * s.highest_frequency:g} Hz; sample faster or lower highest_frequency"
             )
-        self._finder, self._watch = ToneFinder(s, shorten=self._inverse is None), ExcitationWatch(s, rate)
-        self._tracker = ChangeTracker(s.change, s.slow_drift)
+        self._finder, self._watch = _ToneFinder(s, shorten=self._inverse is None), ExcitationWatch(s, rate)
+        self._tracker = _ChangeTracker(s.change, s.slow_drift)
         return SampleBuffer(2, rate, s.window_periods / s.lowest_frequency, s.analysis_rate)
 
     def _is_no_tone(self, first_index: int, samples: Array, estimate: Estimate) -> bool:
@@ -290,15 +285,13 @@ class Identifier:
         if not given or (support if self._inverse is None else beam) is None:
             needed = "support" if self._inverse is None else "beam"
             raise IdentificationError(f"{needed}: given no samples; allowed: the displacement of the {needed} [m]")
-        samples = np.full((2, given[0].size), np.nan)
-        for row, channel in enumerate((support, beam)):
-            if channel is not None:
-                samples[row] = channel
+        nothing = np.full(given[0].size, np.nan)
+        samples = np.array([nothing if one is None else one for one in (support, beam)], dtype=np.float64)
         # an infinite reading is as invalid as none
         samples[np.isinf(samples)] = np.nan
         return samples
 
-    def _filled(self, estimate: Estimate, tone: Tone, delay: float) -> Estimate:
+    def _filled(self, estimate: Estimate, tone: _Tone, delay: float) -> Estimate:
         assert self._buffer is not None
         fit = tone.fit
         gain = self._buffer.attenuation(tone.frequency)
@@ -309,8 +302,8 @@ class Identifier:
             amplitude=fit.amplitude / gain,
             amplitude_std=fit.amplitude_std / gain,
             frequency=tone.frequency,
-            frequency_std=fit.omega_std / TAU,
-            phase=math.remainder(phase, TAU),
+            frequency_std=fit.omega_std / _TAU,
+            phase=math.remainder(phase, _TAU),
             phase_std=fit.phase_std,
             offset=fit.offset,
             window=tone.window,
@@ -336,4 +329,4 @@ class Identifier:
         if math.isnan(frequency):
             return math.nan
         signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
-        return smoothed_half_peak_to_peak(signal, buffer.step, frequency)
+        return smoothed_half_range(signal, buffer.step, frequency)

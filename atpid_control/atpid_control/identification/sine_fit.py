@@ -19,11 +19,11 @@ from atpid_control.identification.linear import compiled, least_squares
 from atpid_sim.system import Array
 
 #: Gauss-Newton steps; three do, from the seed.
-STEPS = 12
+_STEPS = 12
 #: A step this small [rad over half the window] leaves the next one at rounding: convergence is quadratic.
-CONVERGED = 1e-6
+_CONVERGED = 1e-6
 #: Refits after spikes were found or a group joined, and how many of them may be for spikes.
-ROUNDS, SPIKE_ROUNDS = 10, 6
+_ROUNDS, _SPIKE_ROUNDS = 10, 6
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,12 @@ def _model(
     keep, rejecting = np.ones(count, dtype=np.bool_), True
     columns, t, y = np.zeros((col.COUNT, count)), every, signal.copy()
     best, change = -1, 0.0
-    for turn in range(ROUNDS):
+    for turn in range(_ROUNDS):
         tone = _converge(columns, t, y, omega, hum, scale, active)
         if tone[0] == 0.0:
             break
         omega = tone[1]
-        if rejecting and turn < SPIKE_ROUNDS:
+        if rejecting and turn < _SPIKE_ROUNDS:
             whole = columns if t.size == count else _steady_columns(every, tone, hum, scale)
             fresh, rejecting = without_spikes(whole, signal, tone, scale, active, keep)
             if not rejecting:
@@ -137,7 +137,7 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
     tone, solution = np.zeros(2 + col.COUNT), np.zeros(0)
     col.write_constant(columns, t, hum, scale)
     cosine, sine, first = 0.0, 0.0, True
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         col.write_tone(columns, t, omega, cosine, sine, scale)
         if active[1]:
             col.write_harmonics(columns)
@@ -155,7 +155,7 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
         omega += min(max(step, -limit), limit)
         if not (omega * scale > 0.5 and np.isfinite(omega)):
             return tone
-        if abs(step) * scale < CONVERGED:
+        if abs(step) * scale < _CONVERGED:
             break
     tone[0], tone[1] = 1.0, omega
     for k in range(chosen.size):

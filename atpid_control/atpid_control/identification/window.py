@@ -95,7 +95,7 @@ def without_clipping(signal: Array, saturation: tuple[float, float] | None) -> A
     return clean
 
 
-def smoothed_half_peak_to_peak(signal: Array, step: float, frequency: float) -> float:
+def smoothed_half_range(signal: Array, step: float, frequency: float) -> float:
     """Return half the range of `signal` (n,), `step` [s] apart, NaN where nothing is left of it.
 
     Noise widens a range of hundreds of samples by several standard deviations, so the signal is averaged over a
@@ -119,7 +119,7 @@ def smoothed_half_peak_to_peak(signal: Array, step: float, frequency: float) -> 
 
 
 #: Zeros appended, as a multiple of the signal's length: the peak is then found to a fraction of what the fit can mend.
-PADDING = 4
+_PADDING = 4
 
 
 def seed_frequency(signal: Array, rate: float, lowest: float, highest: float) -> float:
@@ -130,7 +130,7 @@ def seed_frequency(signal: Array, rate: float, lowest: float, highest: float) ->
     values = _bridged(signal)
     if values is None:
         return math.nan
-    size = 1 << math.ceil(math.log2(PADDING * values.size))
+    size = 1 << math.ceil(math.log2(_PADDING * values.size))
     power = np.abs(np.fft.rfft(values - values.mean(), size))
     first, last = math.ceil(lowest * size / rate), min(math.floor(highest * size / rate), power.size - 2)
     if last <= first:

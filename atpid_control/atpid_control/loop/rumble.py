@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.identification.window import smoothed_half_peak_to_peak
+from atpid_control.identification.window import smoothed_half_range
 from atpid_control.loop.drift import WatchError
 from atpid_sim.system import Array
 
@@ -100,7 +100,7 @@ class RumbleWatch:
 
     def _take(self, period: Array, step: float, frequency: float) -> None:
         valid = np.count_nonzero(~np.isnan(period))
-        amplitude = smoothed_half_peak_to_peak(period, step, frequency) if valid >= VALID * period.size else math.nan
+        amplitude = smoothed_half_range(period, step, frequency) if valid >= VALID * period.size else math.nan
         seen = self.state.periods + 1
         if not amplitude > self.settings.least_amplitude:
             self._amplitudes.clear()

@@ -14,17 +14,17 @@ from typing import NamedTuple
 from atpid_common.message_checks import time_out_of_range
 from atpid_common.vocabulary import EventKind
 from atpid_control.recording.trigger import PreTrigger, Trigger
-from atpid_control.runs.decode import is_handshake
-from atpid_control.runs.errors import BagError, MessageError
+from atpid_control.runs.decode import is_handshake, message_type
+from atpid_control.runs.errors import MessageError
 from atpid_control.runs.metadata import Qos, RunInfo
-from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, BlockShape, Topic, block_shape, event, stamp, truth_shape
+from atpid_control.runs.topics import BLOCK, EVENT, BlockShape, Topic, block_shape, event, shape_of, stamp
 from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
 
 #: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
-HOLD_BACK_NS = 500_000_000
+_HOLD_BACK_NS = 500_000_000
 
 
-class UnorderedMessage(NamedTuple):
+class _UnorderedMessage(NamedTuple):
     """A message that waits for its place; compares by stamp, topic, sender and arrival."""
 
     stamp_ns: int
@@ -42,12 +42,12 @@ class StampOrder:
     is ready when every topic of the loop has passed its stamp by the hold-back.
     """
 
-    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
+    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = _HOLD_BACK_NS) -> None:
         """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
         self._ranks = {topic: rank for rank, topic in enumerate(topics)}
         self._loop, self._hold_back = loop, hold_back_ns
         self._newest: dict[str, int] = {}
-        self._held: list[UnorderedMessage] = []
+        self._held: list[_UnorderedMessage] = []
         self._arrivals = count()
 
     def __len__(self) -> int:
@@ -55,13 +55,12 @@ class StampOrder:
 
     def add(self, topic: str, stamp_ns: int, node: str, data: bytes) -> None:
         """Take one message."""
-        heapq.heappush(
-            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
-        )
+        message = _UnorderedMessage(stamp_ns, self._ranks[topic], node, next(self._arrivals), topic, data)
+        heapq.heappush(self._held, message)
         if topic in self._loop:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
 
-    def ready(self) -> Iterator[UnorderedMessage]:
+    def ready(self) -> Iterator[_UnorderedMessage]:
         """Yield, in order, the messages that no later one can precede."""
         if not self._newest:
             return
@@ -69,22 +68,22 @@ class StampOrder:
         while self._held and self._held[0].stamp_ns < limit:
             yield heapq.heappop(self._held)
 
-    def rest(self) -> Iterator[UnorderedMessage]:
+    def rest(self) -> Iterator[_UnorderedMessage]:
         """Yield all that is left, in order: the run is over."""
         while self._held:
             yield heapq.heappop(self._held)
 
 
-Offered = Callable[[str], tuple[Qos, ...]]
+_Offered = Callable[[str], tuple[Qos, ...]]
 
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
-TIMEOUT = 2.0
+_TIMEOUT = 2.0
 
 
 @dataclass
-class Continuity:
+class _Continuity:
     """The scans of one stream; each block has to begin at the sample index where the one before ended."""
 
     next_index: int | None = None
@@ -114,7 +113,7 @@ class RecordingSession:
     """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
 
     def __init__(
-        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
+        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: _Offered,
         writing: Writing | None = None, sink: Callable[[Path], Sink] = Sink,
     ) -> None:  # fmt: skip
         """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
@@ -122,7 +121,7 @@ class RecordingSession:
         self.topics = {topic.name: topic for topic in topics}
         self.received = dict.fromkeys(self.topics, 0)
         self.written = dict.fromkeys(self.topics, 0)
-        self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
+        self.continuity = {topic.name: _Continuity() for topic in topics if topic.type == BLOCK}
         self._lockstep, self._offered = lockstep, offered
         self.order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
@@ -131,11 +130,15 @@ class RecordingSession:
         self._finished = False
         self._end_ns: int | None = None  # of the run, or of what a trigger records
         self.waiting = PreTrigger(writing.trigger, topics) if writing.trigger else None
-        self._recorded = {name: Continuity() for name in self.continuity}  # scans written, after a trigger
+        self._recorded = {name: _Continuity() for name in self.continuity}  # scans written, after a trigger
         self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
-        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
-                                split=writing.split)  # fmt: skip
-        self.recording = True
+        form, split = writing.compression, writing.split
+        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=form, sink=sink, split=split)
+
+    @property
+    def recording(self) -> bool:
+        """Whether the bag is open: it was not closed, and the disk takes what is written."""
+        return not self.writer.closed
 
     @property
     def elapsed(self) -> float:
@@ -156,13 +159,14 @@ class RecordingSession:
         if not self.recording:
             return 0
         kind = self.topics[topic]
-        if not kind.has_header:
+        known = message_type(kind.type)
+        if not known.has_header:
             self._write(topic, data, now_ns, now_ns)
             return 0
         stamp_ns, node = stamp(data), ""
         if stamp_ns < 0:
             raise MessageError("its stamp is before 1970")
-        if kind.has_handshake and is_handshake(data):
+        if known.has_handshake and is_handshake(data):
             return 0
         if kind.type == EVENT:
             node = self._follow_event(stamp_ns, data)
@@ -188,13 +192,13 @@ class RecordingSession:
     def _follow(self, topic: Topic, stamp_ns: int, data: bytes) -> int:
         """Follow the progress of the run; return how many scans are missing."""
         missing, reached, now = 0, stamp_ns, time.monotonic()
-        if topic.type == BLOCK:
-            shape = _checked(block_shape(data))
+        if shape := shape_of(topic.type, data):
+            if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
+                raise MessageError(reason)
+            reached = stamp_ns + round(shape.scans / shape.rate * 1e9)  # after its last scan
+        if shape and topic.type == BLOCK:
             self._sampled = self._sampled or now
             missing = self.continuity[topic.name].add(shape)
-            reached = _end_of(shape, stamp_ns)
-        elif topic.type == TRUTH:
-            reached = _end_of(_checked(truth_shape(data)), stamp_ns)
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, stamp_ns
@@ -218,7 +222,7 @@ class RecordingSession:
         """Whether the run has finished and every topic that took part has reached its end, or is silent."""
         if self._end_ns is None or not self.recording:
             return False
-        return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
+        return not self.missing_topics() or time.monotonic() - self._progress > _TIMEOUT
 
     def result(self) -> dict[str, str]:
         """Return the results, as the bag stores them: durations [s], real-time factor, scans lost."""
@@ -254,17 +258,17 @@ class RecordingSession:
     def end_chunk(self) -> None:
         """Make sure that a crash from now on loses only what comes later. Raises BagError."""
         if self.recording:
-            self._guarded(self.writer.end_chunk)
+            self.writer.end_chunk()
 
     def sync(self) -> None:
         """Make sure that a power cut from now on loses only what comes later. Raises BagError."""
         if self.recording:
-            self._guarded(self.writer.sync)
+            self.writer.sync()
 
     def keep(self, name: str, data: bytes) -> None:
         """Keep a file in the bag, verbatim. Raises BagError."""
         if self.recording:
-            self._guarded(lambda: self.writer.attach(name, data))
+            self.writer.attach(name, data)
 
     def close(self) -> None:
         """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
@@ -272,7 +276,6 @@ class RecordingSession:
             return
         for held in self.order.rest():
             self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
-        self.recording = False
         self.writer.close(self.result())
 
     def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
@@ -288,29 +291,9 @@ class RecordingSession:
 
     def _put(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         if topic not in self.writer.channels:
-            self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
-        self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))
+            self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic))
+        self.writer.write(topic, data, log_ns, publish_ns)
         self.written[topic] += 1
-
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """Call `act`; an error of the disk ends the recording."""
-        try:
-            act()
-        except BagError:
-            self.recording = False
-            raise
-
-
-def _checked(shape: BlockShape) -> BlockShape:
-    """Return `shape`; raise MessageError where its scans have no place in time."""
-    if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
-        raise MessageError(reason)
-    return shape
-
-
-def _end_of(shape: BlockShape, stamp_ns: int) -> int:
-    """Return the instant after the last scan of a block [ns]."""
-    return stamp_ns + round(shape.scans / shape.rate * 1e9)
 
 
 class DiskWatch:

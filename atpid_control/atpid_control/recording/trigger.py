@@ -10,18 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_control.runs.decode import Decoded, Described
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.topics import (
-    BLOCK,
-    EVENT,
-    TRANSITION,
-    TRUTH,
-    BlockShape,
-    Topic,
-    block_shape,
-    decoder_of,
-    truth_shape,
-)
+from atpid_control.runs.topics import BLOCK, EVENT, TRANSITION, BlockShape, Topic, decoder_of, shape_of
 
 EDGES = ("rising", "falling", "either")
 #: Events and transitions from before the pre-trigger time that are kept: what publishers of `events` keep, too.
@@ -43,7 +34,7 @@ class Trigger:
     memory: int = 2**26  # for messages held meanwhile [bytes]
 
 
-class WaitingMessage(NamedTuple):
+class _WaitingMessage(NamedTuple):
     """A message that waits."""
 
     topic: str
@@ -53,7 +44,7 @@ class WaitingMessage(NamedTuple):
     last_ns: int  # instant of its last sample, or its stamp [ns]
 
 
-class Fired(NamedTuple):
+class _Fired(NamedTuple):
     """The sample that passed the level."""
 
     time_ns: int
@@ -74,9 +65,8 @@ def trigger_of(text: str, topics: list[Topic], **settings: Any) -> Trigger | Non
     if not math.isfinite(found.level):
         raise BagError(f"parameter trigger_level: given {found.level}; allowed: a number, in the unit of the signal")
     if topic.type != BLOCK:
-        numbers = [
-            name for name, described in decoder_of(topic.type).fields(topic.type).items() if _is_number(described)
-        ]
+        fields = decoder_of(topic.type).fields(topic.type)
+        numbers = [name for name, described in fields.items() if _is_number(described)]
         if found.signal not in numbers:
             allowed = ", ".join(numbers) or "none of its fields is a number"
             raise BagError(f"parameter trigger: {topic.name} has no number {found.signal!r}; allowed: {allowed}")
@@ -89,12 +79,12 @@ class PreTrigger:
     def __init__(self, trigger: Trigger, topics: list[Topic]) -> None:
         """Wait for `trigger` on one of `topics`."""
         self.trigger = trigger
-        self.fired: Fired | None = None
+        self.fired: _Fired | None = None
         self.complaint = ""  # why the signal cannot be read, once
         self._dropped_ns: int | None = None  # end of the newest message dropped for want of memory
         self._types = {topic.name: topic.type for topic in topics}
-        self._held: deque[WaitingMessage] = deque()
-        self._states: deque[WaitingMessage] = deque(maxlen=STATES)
+        self._held: deque[_WaitingMessage] = deque()
+        self._states: deque[_WaitingMessage] = deque(maxlen=STATES)
         self._bytes = 0
         self._last_ns = 0  # of the last block of the signal that is recorded after the trigger
         self._previous = math.nan  # value of the signal
@@ -112,11 +102,11 @@ class PreTrigger:
             return None
         return self.fired.time_ns + round(self.trigger.post * 1e9)
 
-    def push(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> list[WaitingMessage]:
+    def push(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> list[_WaitingMessage]:
         """Take a message; return those to be recorded now, in their order."""
-        shape = _shape(self._types[topic], data)
+        shape = shape_of(self._types[topic], data)
         last = publish_ns if shape is None else publish_ns + round(max(0, shape.scans - 1) / shape.rate * 1e9)
-        one = WaitingMessage(topic, data, log_ns, publish_ns, last)
+        one = _WaitingMessage(topic, data, log_ns, publish_ns, last)
         if self.fired is not None:
             return [one] if self._within(one) else []
         self._hold(one)
@@ -134,7 +124,7 @@ class PreTrigger:
         self._bytes = 0
         return kept
 
-    def _within(self, one: WaitingMessage) -> bool:
+    def _within(self, one: _WaitingMessage) -> bool:
         """Whether a message is recorded after the trigger: the last block is whole, and what answers it is with it."""
         stop = self.stop_ns
         if stop is not None and one.publish_ns > stop:
@@ -143,7 +133,7 @@ class PreTrigger:
             self._last_ns = one.last_ns
         return True
 
-    def _hold(self, one: WaitingMessage) -> None:
+    def _hold(self, one: _WaitingMessage) -> None:
         self._held.append(one)
         self._bytes += len(one.data) + _OVERHEAD
         while self._bytes > self.trigger.memory and len(self._held) > 1:
@@ -156,7 +146,7 @@ class PreTrigger:
         if self._types[one.topic] in (EVENT, TRANSITION):
             self._states.append(one)
 
-    def _look(self, one: WaitingMessage, shape: BlockShape | None) -> Fired | None:
+    def _look(self, one: _WaitingMessage, shape: BlockShape | None) -> _Fired | None:
         """Return the first sample of a message that passes the level; None: none does."""
         try:
             message = decoder_of(self._types[one.topic]).decode(0, one.data)
@@ -177,10 +167,10 @@ class PreTrigger:
             return None
         place = int(places[crossed[0]])
         if shape is None:
-            return Fired(one.publish_ns, None, float(values[place]))
-        return Fired(one.publish_ns + round(place / shape.rate * 1e9), shape.first_index + place, float(values[place]))
+            return _Fired(one.publish_ns, None, float(values[place]))
+        return _Fired(one.publish_ns + round(place / shape.rate * 1e9), shape.first_index + place, float(values[place]))
 
-    def _values(self, message: Any) -> NDArray[np.float64]:
+    def _values(self, message: Decoded) -> NDArray[np.float64]:
         if self._types[self.trigger.topic] != BLOCK:
             return np.atleast_1d(np.asarray(getattr(message, self.trigger.signal), dtype=np.float64))
         channels = list(message.channels)
@@ -196,13 +186,7 @@ def _crossings(values: NDArray[np.float64], trigger: Trigger) -> NDArray[np.bool
     return {"rising": rising, "falling": falling}.get(trigger.edge, rising | falling)
 
 
-def _shape(kind: str, data: bytes) -> BlockShape | None:
-    if kind == BLOCK:
-        return block_shape(data)
-    return truth_shape(data) if kind == TRUTH else None
-
-
-def _is_number(described: Any) -> bool:
+def _is_number(described: Described) -> bool:
     """Whether a field, as rosbags describes it, is one number, or a sequence of them."""
     node, rest = described
     if node.name == "BASE":

@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks what is in a bag: every sample index, one answer to each block, stamps, heights and speeds, how it ended.
 
-`verify` proves that a bag is whole as a file; this, that the run in it was. The file is read as a stream: memory does
-not grow with its length.
+And whether it is whole as a file (`verify`), in the same pass: memory does not grow with its length.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
 
 from atpid_common.errors import AtpidError
 from atpid_common.files import parse_yaml
@@ -22,11 +20,12 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.runs import check_rules as rules
 from atpid_control.runs.check_rules import Findings
-from atpid_control.runs.decode import Decoder, scans_of, stamp_of
+from atpid_control.runs.decode import Decoded, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import IMPORTED, RESULT, RUN, SCENE
 from atpid_control.runs.read import kind_of
-from atpid_control.runs.records import bag_records
+from atpid_control.runs.records import channel_of
+from atpid_control.runs.verify import Pass, Verified, read_through
 from atpid_control.runs.writer import LIBRARY
 from atpid_sim.plant.stream import last_stamp_ns
 from atpid_sim.scene import scene_from_mapping
@@ -40,7 +39,7 @@ _PLACE = {"Excitation": 1, "CeilingCommand": 2}
 class Checked:
     """What the check of a bag showed."""
 
-    path: Path
+    verified: Verified  # the file
     findings: list[str]  # what breaks a rule, one line each
     counts: dict[str, int]  # of all findings, by kind
     events: list[str]  # warnings and alarms, one line for each kind
@@ -49,10 +48,11 @@ class Checked:
     line: str  # everything in one line
 
 
-class _Check:
+class _Check(Pass):
     """The state of one pass over a bag."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__(strict=True)
         self.path = path
         self.findings, self.answers = Findings(), rules.AnswerMatching()
         self.limits = rules.AllowedCeiling()
@@ -67,7 +67,7 @@ class _Check:
         self._ceiling: rules.CeilingWithinLimits | None = None
         self._injected: tuple[Injected, ...] = ()  # on purpose: what they alone explain is no finding
         #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
-        self._unordered: list[tuple[str, int, str, int, Any]] | None = None
+        self._unordered: list[tuple[str, int, str, int, Decoded]] | None = None
 
     @property
     def ceiling(self) -> rules.CeilingWithinLimits:
@@ -91,23 +91,35 @@ class _Check:
         except (AtpidError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
 
-    def _of_node(self, document: Any) -> None:
+    def _of_node(self, document: object) -> None:
         for key, block in document.items() if isinstance(document, Mapping) else ():
             given = block.get("ros__parameters") if isinstance(block, Mapping) else None
             if str(key).rsplit("/", 1)[-1] == "motor_node" and isinstance(given, Mapping):
                 self.limits.narrow(*(_number(given.get(name)) for name in ("lowest", "highest", "speed")))
 
-    def serialised(self, channel: Channel, kind: str, decoder: Decoder, data: bytes) -> None:
-        """Take a message of atpid_interfaces/msg/`kind` as it is in the file; a handshake carries nothing."""
+    def take(self, record: McapRecord, place: int) -> bool:
+        """Take a record; of those that are no messages what they tell of the run."""
+        if isinstance(record, Header):
+            self.foreign |= record.library != LIBRARY
+        elif isinstance(record, Attachment):
+            self.attached(record.name, record.data)
+        elif isinstance(record, Metadata):
+            {RUN: self.run, RESULT: self.result}.get(record.name, {}).update(record.metadata)
         try:
-            message = decoder.decode(channel.schema_id, data)
+            return super().take(record, place)
         except BagError as error:
-            self.findings.add("message", f"{channel.topic}: {error}")
-        else:
-            if not getattr(message, "handshake", False):
-                self.message(channel.topic, kind, message)
+            if not isinstance(record, Message):
+                raise
+            self.findings.add("message", f"{channel_of(record, self.channels).topic}: {error}")
+            return False
 
-    def message(self, topic: str, kind: str, message: Any) -> None:
+    def decoded(self, channel: Channel, message: Decoded) -> None:
+        """Take a message; a handshake carries nothing, nor do diagnostics and the log."""
+        kind = kind_of(self.decoder.name(channel.schema_id))
+        if kind in CHECKS and not getattr(message, "handshake", False):
+            self.message(channel.topic, kind, message)
+
+    def message(self, topic: str, kind: str, message: Decoded) -> None:
         """Take a message of atpid_interfaces/msg/`kind`."""
         reason = check_as(kind, message)
         if reason:
@@ -132,7 +144,7 @@ class _Check:
         elif kind == "CeilingState":
             self.ceiling.state(stamp, message.height, message.target, self.findings)
 
-    def _block(self, topic: str, kind: str, stamp: int, block: Any) -> None:
+    def _block(self, topic: str, kind: str, stamp: int, block: Decoded) -> None:
         first, scans = int(block.first_index), scans_of(block)
         if first == 0:
             self.ceiling.begin = stamp * 1e-9
@@ -143,7 +155,7 @@ class _Check:
         elif topic.endswith("laser"):
             self.answers.add(0, last_stamp_ns(stamp, first, scans, block.rate), self.findings)
 
-    def _event(self, stamp: int, event: Any) -> None:
+    def _event(self, stamp: int, event: Decoded) -> None:
         if event.severity >= Severity.WARNING:
             count, first = self.events.get(event.kind, (0, f"{rules.seconds(stamp)}, {event.text}"))
             self.events[event.kind] = count + 1, first
@@ -151,8 +163,10 @@ class _Check:
             self.ended = f"{self.ended}; {event.text}" if self.ended else f"{event.kind}: {event.text}"
             self.finished_ns = stamp
 
-    def end(self) -> Checked:
+    def judged(self, verified: Verified) -> Checked:
         """Judge what is left."""
+        if verified.problem:
+            self.findings.add("file", verified.problem)
         for topic, _, kind, stamp, block in sorted(self._unordered or [], key=lambda one: one[:2]):
             self._block(topic, kind, stamp, block)
         self.answers.end(self.findings, self.finished_ns)
@@ -165,17 +179,16 @@ class _Check:
         elif not self.ended:
             self.ended = "stopped before a source had finished"
         for name, stream in self.scans.items():
-            if self.result.get(f"lost_scans {name}", str(stream.lost)) != str(stream.lost):
-                counted = self.result[f"lost_scans {name}"]
-                self.findings.add(
-                    "lost", f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
-                )
+            counted = self.result.get(f"lost_scans {name}", str(stream.lost))
+            if counted != str(stream.lost):
+                text = f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
+                self.findings.add("lost", text)
         if not self.answers.answered and not self.findings.counts and IMPORTED not in self.run:
             self.findings.add("end", "there is no answered block in this bag")
         events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]
         lost = sum(stream.lost for stream in self.scans.values())
         found, answered = self.findings, self.answers.answered
-        return Checked(self.path, found.lines(), dict(found.counts), events, lost, answered, self._line(lost))
+        return Checked(verified, found.lines(), dict(found.counts), events, lost, answered, self._line(lost))
 
     def _line(self, lost: int) -> str:
         ceiling, limits = self.ceiling, self.limits
@@ -194,26 +207,8 @@ class _Check:
 def check(path: Path) -> Checked:
     """Check the run in a bag. Raises BagError where the file cannot be read to its end."""
     state = _Check(path)
-    decoder, channels, kinds = Decoder(), dict[int, Channel](), dict[int, str]()
-    for record in bag_records(path):
-        if isinstance(record, Message):
-            channel = channels[record.channel_id]
-            kind = kinds.get(channel.schema_id, "")
-            if kind in CHECKS:  # unlike diagnostics and the log
-                state.serialised(channel, kind, decoder, record.data)
-        elif isinstance(record, Schema) and (kind := kind_of(record.name)):
-            decoder.add(record)
-            kinds[record.id] = kind
-        elif isinstance(record, Header):
-            state.foreign |= record.library != LIBRARY
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Attachment):
-            state.attached(record.name, record.data)
-        elif isinstance(record, Metadata):
-            {RUN: state.run, RESULT: state.result}.get(record.name, {}).update(record.metadata)
-    return state.end()
+    return state.judged(read_through(path, state))
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan

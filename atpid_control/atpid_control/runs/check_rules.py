@@ -17,9 +17,9 @@ KEPT = 20
 #: Blocks an answer may be recorded before or after its block: one minute at 20 a second.
 REACH = 1200
 #: Rounding of a height: it is a whole number of micrometres on the wire [m].
-RESOLUTION = 2e-6
+_RESOLUTION = 2e-6
 #: By how much the instant at which a real device has read its height may be wrong [s].
-JITTER = 0.02
+_JITTER = 0.02
 
 
 class Findings:
@@ -73,15 +73,14 @@ class NoGaps:
 
     def add(self, first: int, scans: int, dropped: int, findings: Findings) -> None:
         """Take a block's first index, its number of scans, and how many the device has lost since the start."""
-        if self.following is not None and first > self.following:
-            self.lost += first - self.following
-            findings.add("lost", f"{self.topic}: {first - self.following} scans, index {self.following} to {first - 1}")
-        elif self.following is not None and first < self.following:
-            findings.add("index", f"{self.topic}: the stream goes back to index {first} after {self.following - 1}")
-        if dropped > self.dropped:
-            findings.add(
-                "lost", f"{self.topic}: {dropped - self.dropped} scans by the device's own count, before index {first}"
-            )
+        following = first if self.following is None else self.following
+        if first > following:
+            self.lost += first - following
+            findings.add("lost", f"{self.topic}: {first - following} scans, index {following} to {first - 1}")
+        elif first < following:
+            findings.add("index", f"{self.topic}: the stream goes back to index {first} after {following - 1}")
+        if (more := dropped - self.dropped) > 0:
+            findings.add("lost", f"{self.topic}: {more} scans by the device's own count, before index {first}")
             self.dropped = dropped
         self.following = first + scans
         self.scans += scans
@@ -166,8 +165,8 @@ class AllowedCeiling:
 
     def outside(self, heights: Iterable[float], beyond: float = 0.0) -> bool:
         """Whether one of the heights [m] is below the lowest, or more than `beyond` above the highest; NaN is not."""
-        highest = self.highest + beyond + RESOLUTION
-        return any(height < self.lowest - RESOLUTION or height > highest for height in heights)
+        highest = self.highest + beyond + _RESOLUTION
+        return any(height < self.lowest - _RESOLUTION or height > highest for height in heights)
 
 
 class CeilingWithinLimits:
@@ -181,7 +180,7 @@ class CeilingWithinLimits:
         # a motor that cannot be switched off
         self._beyond = TO_THE_SWITCH if any(fault.part in CEILING for fault in injected) else 0.0
         #: In lockstep the stamp is the instant itself.
-        self.jitter = 0.0 if lockstep else JITTER
+        self.jitter = 0.0 if lockstep else _JITTER
         self.low, self.high = math.inf, -math.inf  # of what was reported or simulated [m]
         self.begin = 0.0  # of the run, on its clock [s]
         self._state: tuple[int, float] | None = None
@@ -194,15 +193,14 @@ class CeilingWithinLimits:
 
     def state(self, stamp_ns: int, height: float, target: float, findings: Findings) -> None:
         """Take a reported height and target [m]; NaN: unknown."""
-        late = 2.0 * JITTER  # of a report after what it reports
+        late = 2.0 * _JITTER  # of a report after what it reports
         at = stamp_ns * 1e-9 - self.begin
         if self._clock or any(fault.begin <= at <= fault.end + late for fault in self._sensor):
             self._state = None  # none of the ceiling: its sensor failed on purpose, or the clock that stamps it
             return
         if self.limits.outside([target]) or self.limits.outside([height], self._beyond):
-            findings.add(
-                "height", f"the ceiling at {height:g} m for {target:g} m at {seconds(stamp_ns)}; {self._allowed()}"
-            )
+            where = f"the ceiling at {height:g} m for {target:g} m at {seconds(stamp_ns)}"
+            findings.add("height", f"{where}; {self._allowed()}")
         if not math.isfinite(height):
             self._state = None
             return
@@ -211,33 +209,24 @@ class CeilingWithinLimits:
         if before is None or stamp_ns <= before[0]:
             return
         path, time = abs(height - before[1]), (stamp_ns - before[0]) * 1e-9
-        if path > self.limits.speed * (time + self.jitter) + 2.0 * RESOLUTION:
-            findings.add(
-                "speed",
-                f"the ceiling went {path:.6f} m in {time:.4f} s before {seconds(stamp_ns)}; "
-                f"allowed: {self.limits.speed:g} m/s",
-            )
+        if path > self.limits.speed * (time + self.jitter) + 2.0 * _RESOLUTION:
+            went = f"the ceiling went {path:.6f} m in {time:.4f} s before {seconds(stamp_ns)}"
+            findings.add("speed", f"{went}; allowed: {self.limits.speed:g} m/s")
 
     def truth(self, stamp_ns: int, first: int, rate: float, heights: Array, findings: Findings) -> None:
         """Take the simulated heights (n,) [m] from sample index `first` on at `rate` [Hz]."""
         low, high = float(heights.min()), float(heights.max())
         self._reached(low, high)
         if self.limits.outside([low, high], self._beyond):
-            findings.add(
-                "height",
-                f"the simulated ceiling from {low:g} to {high:g} m in the block of {seconds(stamp_ns)}; "
-                f"{self._allowed()}",
-            )
+            where = f"the simulated ceiling from {low:g} to {high:g} m in the block of {seconds(stamp_ns)}"
+            findings.add("height", f"{where}; {self._allowed()}")
         before, self._end = self._end, (first + len(heights) - 1, float(heights[-1]))
         joined = heights if before is None or before[0] != first - 1 else np.concatenate(([before[1]], heights))
         fastest = float(np.abs(np.diff(joined)).max(initial=0.0)) * rate
         # the path of one sample, with the rounding of two heights
         if fastest > self.limits.speed * (1.0 + 1e-6) + 1e-9 * rate:
-            findings.add(
-                "speed",
-                f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}; "
-                f"allowed: {self.limits.speed:g} m/s",
-            )
+            moved = f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}"
+            findings.add("speed", f"{moved}; allowed: {self.limits.speed:g} m/s")
 
     def _reached(self, low: float, high: float) -> None:
         self.low, self.high = min(self.low, low), max(self.high, high)

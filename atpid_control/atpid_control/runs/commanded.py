@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scene of a run whose excitation was commanded, with the tone that was put out in place of the largest one."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.runs.tables import TIME
+from atpid_control.runs.tables import TIME, Columns
 from atpid_sim.scene import Scene
 
 #: Points nearer than this share of the largest value to the line through their neighbours are left out.
 _STRAIGHT = 1e-3
 
 
-def as_put_out(scene: Scene, messages: Callable[[str], Mapping[str, NDArray[Any]]]) -> Scene:
+def as_put_out(scene: Scene, messages: Callable[[str], Columns]) -> Scene:
     """Return the scene with the tone that the plant had, else that the exciter reported, as points.
 
     messages: returns the fields of all messages of a type. The frequency counts where there is an amplitude.
@@ -28,9 +27,8 @@ def as_put_out(scene: Scene, messages: Callable[[str], Mapping[str, NDArray[Any]
         return scene
     late = fields["scans"] / fields["rate"] if "scans" in fields else 0.0  # a block's value is that of its end
     time, amplitude, frequency = fields[TIME] + late, fields[f"{prefix}amplitude"], fields[f"{prefix}frequency"]
-    usable = (
-        (np.diff(np.concatenate(([-1.0], time))) > 0.0) & (time > 0.0) & np.isfinite(amplitude) & np.isfinite(frequency)
-    )
+    rising = (np.diff(time, prepend=-1.0) > 0.0) & (time > 0.0)
+    usable = rising & np.isfinite(amplitude) & np.isfinite(frequency)
     time, amplitude, frequency = time[usable], amplitude[usable], frequency[usable]
     on = (amplitude > 0.0) & (frequency > 0.0)
     if not on.any():

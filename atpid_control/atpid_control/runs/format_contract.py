@@ -24,33 +24,34 @@ from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Table
 from atpid_control.runs.topics import BLOCK
 from atpid_control.runs.writer import BagWriter
+from atpid_sim.system import Array
 
-CHANNELS = ("support_displacement", "beam_displacement")
+_CHANNELS = ("support_displacement", "beam_displacement")
 #: Of the bag that is written: its sampling rate [Hz], stamp of its first sample [ns], blocks, and scans of each.
-RATE, START, BLOCKS, SCANS = 500.0, 1_700_000_000_000_000_000, 8, 50
+_RATE, _START, _BLOCKS, _SCANS = 500.0, 1_700_000_000_000_000_000, 8, 50
 #: Relative error of what comes back from a text of 12 digits.
 _ROUNDED = 1e-9
 
 
-def values() -> Any:
+def values() -> Array:
     """Return the samples of the bag (n, channels) [m]."""
-    return np.sin(np.outer(np.arange(BLOCKS * SCANS), np.arange(1, len(CHANNELS) + 1)) * 0.1) / 3.0
+    return np.asarray(np.sin(np.outer(np.arange(_BLOCKS * _SCANS), np.arange(1, len(_CHANNELS) + 1)) * 0.1) / 3.0)
 
 
-def bag_in(folder: Path) -> Path:
+def _bag_in(folder: Path) -> Path:
     """Write the bag, of one sensor with two channels; return its folder."""
     bag = folder / "bag"
     store: Any = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
     block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    fixed = {"channels": list(CHANNELS), "units": ["m"] * len(CHANNELS), "skew": np.zeros(len(CHANNELS)), "rate": RATE,
-             "dropped": 0, "backlog": 0, "handshake": False, "device": "contract"}  # fmt: skip
+    layout = {"channels": list(_CHANNELS), "units": ["m"] * len(_CHANNELS), "skew": np.zeros(len(_CHANNELS))}
+    fixed = {"rate": _RATE, "dropped": 0, "backlog": 0, "handshake": False, "device": "contract"}
     writer = BagWriter(bag, new_run(run_id="contract"))
     writer.add_topic("/sensors/laser", BLOCK)
-    for number, data in enumerate(np.split(values(), BLOCKS)):
-        stamp = START + round(number * SCANS / RATE * 1e9)
+    for number, data in enumerate(np.split(values(), _BLOCKS)):
+        stamp = _START + round(number * _SCANS / _RATE * 1e9)
         at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
-        message = block(header=at, first_index=number * SCANS, data=data.ravel(), **fixed)
+        message = block(header=at, first_index=number * _SCANS, data=data.ravel(), **layout, **fixed)
         writer.write("/sensors/laser", bytes(store.serialize_cdr(message, BLOCK)), stamp, stamp)
     writer.close({"finished": "yes"})
     return bag
@@ -73,7 +74,7 @@ class FormatContract:
         assert write is not None
         place = folder / "written"
         place.mkdir()
-        source = Source(bag_in(folder))
+        source = Source(_bag_in(folder))
         return list(write(source, source.pieces(), place))
 
     def file_of_samples(self, folder: Path) -> Path:
@@ -111,7 +112,7 @@ class FormatContract:
         if known.write is None or known.holds is not Holds.SAMPLES:
             return
         with pytest.raises(Exception, match=r".+") as caught:
-            list(known.write(Source(bag_in(tmp_path)), [], tmp_path))
+            list(known.write(Source(_bag_in(tmp_path)), [], tmp_path))
         assert "\n" not in str(caught.value)
 
     def test_series_are_as_long_as_their_grid(self, tmp_path: Path) -> None:
@@ -130,11 +131,11 @@ class FormatContract:
         if read is None or self.make().write is None:
             return
         found = {one.name.rpartition("/")[2]: one for one in read(self.file_of_samples(tmp_path), Given(tmp_path))}
-        for place, name in enumerate(CHANNELS):
+        for place, name in enumerate(_CHANNELS):
             one = found[name]
             np.testing.assert_allclose(one.values, values()[:, place], rtol=_ROUNDED, atol=_ROUNDED)
-            assert one.grid.rate == pytest.approx(RATE, rel=_ROUNDED)
-            assert not one.grid.dated or abs(one.grid.start_ns - START) <= 1000
+            assert one.grid.rate == pytest.approx(_RATE, rel=_ROUNDED)
+            assert not one.grid.dated or abs(one.grid.start_ns - _START) <= 1000
 
     def test_a_table_is_evenly_sampled(self, tmp_path: Path) -> None:
         """`read_table` returns columns TIME, STAMP, INDEX and the channels, with an array of each."""

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from atpid_common.errors import not_installed, one_line
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.parts import SQLITE_ENDING, bag_in, find_parts
 from atpid_control.runs.source import Source
-from atpid_control.runs.tables import Piece, Table
+from atpid_control.runs.tables import Columns, Piece, Table, Values
 
 #: Group of the entry points that add formats; the name of an entry point is that of its format.
 GROUP = "atpid.formats"
@@ -44,7 +44,7 @@ class Series:
 
     name: str  # in the file; a group or a struct it is in stands before it, with /
     unit: str  # as the file spells it; empty: not stated
-    values: Any  # (n,) of numbers, taken by slices
+    values: Values  # (n,) of numbers, taken by slices
     grid: Grid
 
 
@@ -67,7 +67,7 @@ class Holds(Enum):
 
 
 Reader = Callable[[Path, Given], list[Series]]
-TableReader = Callable[[Path], tuple[Table, dict[str, Any], list[str]]]
+TableReader = Callable[[Path], tuple[Table, Columns, list[str]]]
 Writer = Callable[[Source, Iterable[Piece], Path], Iterator[tuple[Table | None, Path]]]
 
 

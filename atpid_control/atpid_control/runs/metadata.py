@@ -16,10 +16,10 @@ from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 import yaml
 
+from atpid_common.files import Document
 from atpid_control.runs.errors import BagError
 
 #: Names of the metadata records in the MCAP file.
@@ -87,9 +87,8 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise BagError(
-            f"{path}: given as configuration to record, but cannot be read ({error.strerror}); give an existing file"
-        ) from None
+        what = f"given as configuration to record, but cannot be read ({error.strerror}); give an existing file"
+        raise BagError(f"{path}: {what}") from None
 
 
 _FOREVER_NS = 9_223_372_036_854_775_807
@@ -108,7 +107,7 @@ class Qos:
     liveliness: str = "automatic"
     lease_ns: int = _FOREVER_NS
 
-    def mapping(self) -> dict[str, Any]:
+    def mapping(self) -> Document:
         """Return the entry of `offered_qos_profiles` in version 9."""
         return {
             "history": self.history,
@@ -138,12 +137,12 @@ class TopicSummary:
     name: str
     type: str
     hash: str
-    qos: list[dict[str, Any]]  # the entries of `offered_qos_profiles`
+    qos: list[Document]  # the entries of `offered_qos_profiles`
     count: int = 0
 
 
 @dataclass
-class FileSummary:
+class _FileSummary:
     """One file of a bag."""
 
     name: str
@@ -157,7 +156,7 @@ class FileSummary:
         self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
         self.end_ns = max(self.end_ns, log_ns)
 
-    def times(self) -> dict[str, Any]:
+    def times(self) -> Document:
         """Return begin and duration as rosbag2 writes them."""
         start = self.start_ns or 0
         return {
@@ -172,12 +171,12 @@ class BagSummary:
     def __init__(self, file_name: str) -> None:
         """Begin with the first file."""
         self.topics: dict[str, TopicSummary] = {}
-        self.files = [FileSummary(file_name)]
-        self.whole = FileSummary("")
+        self.files = [_FileSummary(file_name)]
+        self.whole = _FileSummary("")
 
     def begin_file(self, name: str) -> None:
         """Count what follows as contents of another file."""
-        self.files.append(FileSummary(name))
+        self.files.append(_FileSummary(name))
 
     def add(self, topic: str, log_ns: int) -> None:
         """Count one message."""
@@ -186,7 +185,7 @@ class BagSummary:
         self.files[-1].add(log_ns)
 
 
-def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
+def _mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> Document:
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     whole = summary.whole.times()
     topics = [
@@ -224,7 +223,7 @@ def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
     path, partial = folder / FILE_NAME, folder / f".{FILE_NAME}.partial"
     try:
         with partial.open("w", encoding="utf-8") as stream:
-            yaml.safe_dump(mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
+            yaml.safe_dump(_mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
             stream.flush()
             os.fsync(stream.fileno())
         partial.replace(path)

@@ -5,9 +5,9 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_common.files import Document, FileError, parse_yaml, read_text
 from atpid_control.runs import metadata
 from atpid_control.runs.errors import BagError
 
@@ -15,7 +15,7 @@ MAGIC = b"\x89MCAP0\r\n"
 #: What a database begins with, and what rosbag2's ends with.
 SQLITE, SQLITE_ENDING = b"SQLite format 3\0", ".db3"
 #: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB, each file of a split bag adds 0.2 kB.
-MOST_METADATA = 2_000_000
+_MOST_METADATA = 2_000_000
 _NUMBER = re.compile(r"_(\d{1,9})\.(?:mcap|db3)$")
 
 
@@ -37,10 +37,8 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         convert = f"`rosbags-convert --src {path} --dst NEW` writes a bag that is not"
         raise BagError(f"{packed[0]}: compressed as a file by rosbag2; {convert}")
     if not files:
-        raise BagError(
-            f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give a bag's folder, or that of the "
-            "run with it"
-        )
+        what = "not a bag, there is no .mcap or .db3 file in this folder"
+        raise BagError(f"{path}: {what}; give a bag's folder, or that of the run with it")
     begins = {file: _begin(file) for file in files}
     for file, begin in begins.items():
         if not (begin in (MAGIC, SQLITE[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
@@ -76,38 +74,35 @@ def _nearly(begin: bytes) -> bool:
     return 2 * sum(one == other for one, other in zip(begin, MAGIC, strict=False)) >= len(MAGIC)
 
 
-def read_metadata(folder: Path) -> Any:
-    """Return the information in metadata.yaml; raise BagError where it is missing or not what rosbag2 writes."""
+class Listed(NamedTuple):
+    """What metadata.yaml lists."""
+
+    files: set[str]
+    counts: dict[str, int]  # messages by topic
+    custom: object  # `custom_data`, which a recorder may fill
+
+
+def read_metadata(folder: Path) -> Listed:
+    """Return what metadata.yaml lists; raise BagError where it is missing or not what rosbag2 writes."""
     path = folder / metadata.FILE_NAME
     recover = f"`atpid bag recover {folder}` writes it anew"
     if not path.is_file():
         raise BagError(f"{folder}: {metadata.FILE_NAME} is missing, so the recording was not closed; {recover}")
     try:
-        return parse_yaml(read_text(path, MOST_METADATA))["rosbag2_bagfile_information"]
-    except (FileError, LookupError, TypeError):
+        information: Document = parse_yaml(read_text(path, _MOST_METADATA))["rosbag2_bagfile_information"]
+        files = {Path(str(name)).name for name in information["relative_file_paths"]}
+        topics = information["topics_with_message_count"]
+        counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in topics}
+        return Listed(files, counts, information.get("custom_data"))
+    except (FileError, LookupError, TypeError, ValueError, OverflowError):
         raise BagError(f"{path}: not what rosbag2 writes; {recover}") from None
 
 
-def counts_in(information: Any) -> dict[str, int]:
-    """Return the number of messages by topic in the information of metadata.yaml; raise BagError: it has none."""
-    try:
-        listed = information["topics_with_message_count"]
-        return {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
-    except (LookupError, TypeError, ValueError, OverflowError):
-        raise BagError(f"{metadata.FILE_NAME}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
-
-
-def check_listed(folder: Path, files: Iterable[Path], information: Any) -> None:
+def check_listed(folder: Path, files: Iterable[Path], listed: Listed) -> None:
     """Raise BagError unless metadata.yaml lists the files that are there: none missing, none of another recording."""
-    try:
-        listed = {Path(str(name)).name for name in information["relative_file_paths"]}
-    except (LookupError, TypeError):
-        path = folder / metadata.FILE_NAME
-        raise BagError(f"{path}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
     there = {file.name for file in files}
-    if missing := sorted(listed - there):
-        raise BagError(
-            f"{folder}: {missing[0]}, which metadata.yaml lists, is missing; put it back, or `atpid bag recover`"
-        )
-    if others := sorted(there - listed):
+    if missing := sorted(listed.files - there):
+        what = "which metadata.yaml lists, is missing; put it back, or `atpid bag recover`"
+        raise BagError(f"{folder}: {missing[0]}, {what}")
+    if others := sorted(there - listed.files):
         raise BagError(f"{folder}: {others[0]} is not listed in metadata.yaml; take it out, or `atpid bag recover`")

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -127,7 +126,7 @@ def _last_sample(data: bytes) -> int | None:
 
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
-COMPARED = {
+_COMPARED = {
     "Excitation": ("quality", "amplitude", "frequency"),
     "CeilingCommand": ("sequence", "height", "excitation_amplitude", "method"),
 }
@@ -152,7 +151,7 @@ class ReplayAgreement:
 def compare(recorded: Run, replayed: Run) -> list[ReplayAgreement]:
     """Return the agreement of every topic with estimates or commands; messages belong together by their stamps."""
     agreements = []
-    for kind, names in COMPARED.items():
+    for kind, names in _COMPARED.items():
         answers = {stamp: row for _, rows in _rows(replayed, kind, names) for stamp, row in rows}
         for topic, rows in _rows(recorded, kind, names):
             start = min((stamp for stamp, _ in rows), default=0)
@@ -165,7 +164,7 @@ def compare(recorded: Run, replayed: Run) -> list[ReplayAgreement]:
     return agreements
 
 
-def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, list[tuple[int, tuple[Any, ...]]]]]:
+def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, list[tuple[int, tuple[object, ...]]]]]:
     """Yield each topic with messages of a type, and their (stamp [ns], values of the fields)."""
     for table, arrays in sorted(run.tables.values(), key=lambda one: one[0].topic):
         if kind_of(table.type) == kind:
@@ -173,7 +172,7 @@ def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, li
             yield table.topic, list(zip(arrays[STAMP].tolist(), values, strict=True))
 
 
-def _difference(recorded: tuple[Any, ...], replayed: tuple[Any, ...] | None, names: tuple[str, ...]) -> str:
+def _difference(recorded: tuple[object, ...], replayed: tuple[object, ...] | None, names: tuple[str, ...]) -> str:
     """Return in words how an answer differs; empty: it does not."""
     if replayed is None:
         return "no answer"
@@ -181,14 +180,14 @@ def _difference(recorded: tuple[Any, ...], replayed: tuple[Any, ...] | None, nam
     return ", ".join(f"{name} {one!r} is now {other!r}" for name, one, other in pairs if not _equal(one, other))
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _equal(one: object, other: object) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         both_unknown = math.isnan(one) and math.isnan(other)
         return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     return bool(one == other)
 
 
-SUPPORT_FILE = "support.csv"
+_SUPPORT_FILE = "support.csv"
 
 
 def support_series(run: Run, begin: float = 0.0, end: float = math.inf) -> tuple[Array, Array]:
@@ -214,7 +213,7 @@ def support_series(run: Run, begin: float = 0.0, end: float = math.inf) -> tuple
 
 def write_support(run: Run, folder: Path, begin: float = 0.0, end: float = math.inf) -> str:
     """Write the series as `folder`/support.csv and return a line about it. Raises BagError."""
-    path = folder / SUPPORT_FILE
+    path = folder / _SUPPORT_FILE
     if path.exists():
         raise BagError(f"{path}: exists already and is not written over; give another folder with --out")
     times, values = support_series(run, begin, end)

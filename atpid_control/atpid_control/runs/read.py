@@ -4,24 +4,22 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 
 from atpid_common.message_checks import CHECKS, check_as
-from atpid_control.runs.decode import Decoder, is_handshake, scans_of, stamp_of
+from atpid_control.runs.decode import Decoded, Decoder, is_handshake, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.metadata import FILE_NAME, RESULT, RUN, SCENE
-from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.parts import Listed, check_listed, find_parts, read_metadata
 from atpid_control.runs.records import channel_of, records, renumbered
 
 _OURS = "atpid_interfaces/msg/"
-_ADVICE = "`atpid bag recover {}` writes a whole bag"
 
 
 class Contents:
@@ -42,7 +40,7 @@ class Contents:
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}  # configuration, verbatim
         self._torn_ok, self._parts = torn_ok, find_parts(self.path)
-        self._listed: Mapping[str, Any] = {}  # by metadata.yaml
+        self._listed = Listed(set(), {}, None)
         self._torn: list[str] = []
         self._foreign: dict[str, str] = {}  # topics that cannot be read: why
         self._handshakes: set[str] = set()  # topics that may have them: another program records them as well
@@ -75,16 +73,15 @@ class Contents:
 
     def _cut_off(self) -> Iterator[str]:
         yield from self._torn
-        kept = self._listed.get("custom_data")
+        kept = self._listed.custom
         lost = kept.get("lost", "nothing") if isinstance(kept, dict) else "nothing"
         if lost != "nothing":
             yield f"{self.path}: recovered from a damaged bag, of which is lost: {lost}"
         elif not self._torn and self.run and not self.result:
             yield f"{self.path}: the recording was not closed: what was not written yet is not there"
-        with suppress(BagError):
-            for name, count in counts_in(self._listed).items():
-                if short := max(0, count - self._counts[name]):
-                    yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
+        for name, count in self._listed.counts.items():
+            if short := max(0, count - self._counts[name]):
+                yield f"{self.path}: {name}: {short} of {count} messages that metadata.yaml lists are missing"
 
     def records(self) -> Iterator[tuple[Channel, Message]]:
         """Yield the messages that can be decoded, each with its channel, but no handshake, which carries nothing.
@@ -116,7 +113,7 @@ class Contents:
                 ends.add(type(record))
             if self._torn_ok and Footer not in ends:
                 ending = self._ending(self._counts.total() - before, DataEnd in ends)
-                self._torn.append(f"{file}: {ending}; {_ADVICE.format(self.path)}")
+                self._torn.append(f"{file}: {ending}; `atpid bag recover {self.path}` writes a whole bag")
 
     def _describe(self, channel: Channel) -> None:
         """Take the type of a topic; one whose messages cannot be decoded is left out."""
@@ -155,7 +152,7 @@ class Contents:
         after = (end - self._start_ns) * 1e-9
         return f"cut off or damaged after {after:.6g} s: read until sample {', '.join(samples)}"
 
-    def _block(self, schema: int, data: bytes) -> Any:
+    def _block(self, schema: int, data: bytes) -> Decoded:
         """Return a block; None where it cannot be used, or has no samples."""
         with suppress(BagError):
             block = self.decoder.decode(schema, data)
@@ -168,7 +165,7 @@ def kind_of(name: str) -> str:
     return name.removeprefix(_OURS) if name.startswith(_OURS) else ""
 
 
-def reason_to_leave_out(kind: str, message: Any) -> str:
+def reason_to_leave_out(kind: str, message: Decoded) -> str:
     """Return why a message of atpid_interfaces/msg/`kind` cannot be used; empty: it can, or is of another package."""
     return check_as(kind, message) if kind in CHECKS else ""
 
@@ -179,7 +176,7 @@ MOST_HELD = int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 @dataclass(frozen=True, slots=True)
-class Raw:
+class _Raw:
     """One message as it is in the file."""
 
     topic: str
@@ -195,15 +192,15 @@ class Bag(Contents):
     def __init__(self, path: Path | str, torn_ok: bool = False) -> None:
         """Find the files; `open_bag` fills it. Raises BagError."""
         super().__init__(path, torn_ok)
-        self.raw: list[Raw] = []
+        self.raw: list[_Raw] = []
         #: Messages that cannot be used, which readers do not get: why, by topic and place in `raw`.
         self.left_out: dict[str, dict[int, str]] = {}
 
-    def decode(self, raw: Raw) -> Any:
+    def decode(self, raw: _Raw) -> Decoded:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
         return self.decoder.decode(raw.schema, raw.data)
 
-    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+    def messages(self, topic: str) -> Iterator[tuple[int, Decoded]]:
         """Yield (log time [ns], message) of one topic that can be used; nothing where the bag does not have it."""
         kind = kind_of(self.types.get(topic, ""))
         for place, raw in enumerate(self.raw):
@@ -218,11 +215,11 @@ class Bag(Contents):
     @property
     def missing(self) -> list[str]:
         """What is not in the bag, or was read and cannot be used, a line each."""
-        unused = (f"{self.path}: {topic}: {len(why)} messages left out, the first since {next(iter(why.values()))}"
-                  for topic, why in sorted(self.left_out.items()))  # fmt: skip
-        return [*self.unread, *unused]
+        left_out = ((topic, len(why), next(iter(why.values()))) for topic, why in sorted(self.left_out.items()))
+        unused = (f"{topic}: {count} messages left out, the first since {why}" for topic, count, why in left_out)
+        return [*self.unread, *(f"{self.path}: {line}" for line in unused)]
 
-    def of_kind(self, kind: str) -> Iterator[tuple[int, Any]]:
+    def of_kind(self, kind: str) -> Iterator[tuple[int, Decoded]]:
         """Yield (log time [ns], message) of message type atpid_interfaces/msg/`kind`, topic by topic."""
         return chain.from_iterable(map(self.messages, self.topics_of(kind)))
 
@@ -241,7 +238,7 @@ def open_bag(path: Path | str, *, messages: bool = True, torn_ok: bool = False) 
     for channel, record in bag.records():
         if messages:
             times = record.log_time, record.publish_time
-            bag.raw.append(Raw(channel.topic, *times, record.data, channel.schema_id))
+            bag.raw.append(_Raw(channel.topic, *times, record.data, channel.schema_id))
             held = within_memory(bag.path, held + len(record.data) + _RAW)
     bag.raw.sort(key=lambda raw: raw.log_ns)
     return bag

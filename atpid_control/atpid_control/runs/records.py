@@ -9,6 +9,7 @@ with a limit, and records inside a chunk are made one by one.
 import sqlite3
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from io import SEEK_END, BytesIO
@@ -24,7 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.parts import SQLITE, find_parts
+from atpid_control.runs.parts import SQLITE
 
 #: Largest chunk when unpacked [bytes]; those of rosbag2 have 0.8 MB, ours 16 kB.
 LARGEST_CHUNK = 2**28
@@ -45,32 +46,15 @@ class BoundedFile:
         self._stream = stream
         self.size = stream.seek(0, SEEK_END)
         stream.seek(0)
+        #: As a file does; it can be sought, so that the index can be used.
+        self.seek, self.tell, self.seekable = stream.seek, stream.tell, stream.seekable
 
     def read(self, length: int = -1) -> bytes:
         """Return exactly `length` bytes, or the rest; raise ValueError where there are not as many."""
-        place = self._stream.tell()
+        place = self.tell()
         if length > max(0, self.size - place):
             raise ValueError(f"{length} bytes are needed from byte {place} on, and the file ends at {self.size}")
         return self._stream.read(length)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Move as a file does."""
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Return where the next byte is read."""
-        return self._stream.tell()
-
-    def seekable(self) -> bool:
-        """Return True: the index can be used."""
-        return True
-
-
-def bag_records(path: Path) -> Iterator[McapRecord]:
-    """Yield the records of a bag, file by file; ids are made distinct. Raises BagError: no bag, or damaged."""
-    for place, file in enumerate(find_parts(path)):
-        for record in records(file):
-            yield renumbered(record, place)
 
 
 def renumbered(record: McapRecord, place: int) -> McapRecord:
@@ -99,7 +83,7 @@ def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
     with file.open("rb") as stream:
         in_sqlite = stream.read(len(SQLITE)) == SQLITE
         try:
-            yield from plain(sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok))
+            yield from plain(_sqlite_records(file) if in_sqlite else _records(BoundedFile(stream), torn_ok))
         except GeneratorExit:
             raise
         except Exception as error:  # the library raises many types of errors for damaged bytes
@@ -116,12 +100,12 @@ def _records(stream: BoundedFile, torn_ok: bool) -> Iterator[McapRecord]:
         if isinstance(record, Chunk):
             yield from inside(unpacked(record))
             continue
-        if isinstance(record, Attachment) and not attachment_whole(stream, record):
+        if isinstance(record, Attachment) and not _attachment_whole(stream, record):
             if torn_ok:
                 continue
             raise ValueError(f"the attachment {record.name} is damaged")
         if isinstance(record, Footer) and not torn_ok:
-            check_summary(stream, record)
+            _check_summary(stream, record)
         yield record
 
 
@@ -186,7 +170,7 @@ def _exactly(stream: ReadDataStream, length: int) -> bytes:
     return data
 
 
-def attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
+def _attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
     """Whether the checksum that ends an attachment, which has just been read, is that of its contents; 0: has none."""
     stream.seek(-_CRC_SIZE, 1)
     stored, written = stream.read(_CRC_SIZE), RecordBuilder()
@@ -195,7 +179,7 @@ def attachment_whole(stream: BoundedFile, record: Attachment) -> bool:
     return stored in (bytes(_CRC_SIZE), computed)
 
 
-def check_summary(stream: BoundedFile, footer: Footer) -> None:
+def _check_summary(stream: BoundedFile, footer: Footer) -> None:
     """Raise ValueError where the checksum of index and footer, which has just been read, is not theirs; 0: has none."""
     end = stream.tell()
     begin = footer.summary_start or end - _FOOTER_SIZE
@@ -209,7 +193,7 @@ def check_summary(stream: BoundedFile, footer: Footer) -> None:
 NO_RECOVERY = "`.recover` of the program sqlite3 saves what is whole"
 
 
-def sqlite_records(file: Path) -> Iterator[McapRecord]:
+def _sqlite_records(file: Path) -> Iterator[McapRecord]:
     """Yield the topics of a file and their messages in the order of their times. Raises sqlite3.Error: damaged."""
     with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
         database.row_factory = sqlite3.Row
@@ -218,8 +202,8 @@ def sqlite_records(file: Path) -> Iterator[McapRecord]:
             raise ValueError(f"tables {', '.join(sorted(tables)) or 'none'}; needed: topics and messages, as rosbag2's")
         kept = {}
         if "message_definitions" in tables:
-            kept = {row["topic_type"]: (row["encoding"], row["encoded_message_definition"])
-                    for row in database.execute("SELECT * FROM message_definitions")}  # fmt: skip
+            select = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            kept = {row[0]: (row[1], row[2]) for row in database.execute(select)}
         yield Header(profile="ros2", library="rosbag2, in sqlite3")
         schemas: dict[str, int] = {}
         for topic in database.execute("SELECT * FROM topics ORDER BY id").fetchall():
@@ -228,22 +212,21 @@ def sqlite_records(file: Path) -> Iterator[McapRecord]:
                 schemas[kind] = len(schemas) + 1
                 encoding, definition = kept.get(kind) or ("", "")
                 if not definition:
-                    definition = definition_elsewhere(kind)
+                    definition = _definition_elsewhere(kind)
                     encoding = "ros2msg" if definition else "none"
                 yield Schema(id=schemas[kind], name=kind, encoding=encoding, data=definition.encode())
             known = {"topic_type_hash": dict(topic).get("type_description_hash", "")}  # an older bag has none
-            yield Channel(id=topic["id"], topic=topic["name"], message_encoding=topic["serialization_format"],
-                          schema_id=schemas[kind], metadata=known)  # fmt: skip
-        counts: dict[int, int] = {}
+            yield Channel(topic["id"], topic["name"], topic["serialization_format"], known, schemas[kind])
+        counts = Counter[int]()
         for row in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"):
-            number = counts[row["topic_id"]] = counts.get(row["topic_id"], -1) + 1
-            yield Message(channel_id=row["topic_id"], log_time=row["timestamp"], publish_time=row["timestamp"],
-                          data=bytes(row["data"]), sequence=number)  # fmt: skip
+            channel, time = row["topic_id"], row["timestamp"]
+            counts[channel] += 1
+            yield Message(channel, time, bytes(row["data"]), publish_time=time, sequence=counts[channel] - 1)
     yield DataEnd(data_section_crc=0)
     yield Footer(summary_start=0, summary_offset_start=0, summary_crc=0)
 
 
-def definition_elsewhere(kind: str) -> str:
+def _definition_elsewhere(kind: str) -> str:
     """Return the definition of a message type that an older bag does not keep: as installed, else as in ROS 2 Jazzy.
 
     Empty where neither has it; its topics are then left out, and named so.

@@ -16,12 +16,11 @@ from functools import lru_cache
 from itertools import count
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
 
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from atpid_common.files import FileError, parse_yaml
+from atpid_common.files import Document, FileError, parse_yaml
 from atpid_control.runs import metadata
 from atpid_control.runs.errors import BagError, in_words
 from atpid_control.runs.metadata import RESULT, RUN, BagSummary, TopicSummary
@@ -32,7 +31,7 @@ from atpid_control.runs.verify import Pass, Verified, salvaged, verify, written
 from atpid_control.runs.writer import CHUNK, LIBRARY, SpooledIndex, check_new
 
 #: Name of the metadata record that states what was lost.
-RECOVERED = "atpid_recovered"
+_RECOVERED = "atpid_recovered"
 #: Characters of the losses that are kept in the bag itself.
 _MOST_STATED = 10_000
 _MOST_QOS = 200_000
@@ -128,9 +127,8 @@ class _Copy:
             self._file(file, place, self._folder / name, summary, last=files[-1] == file)
         lost = self._lost(files)
         stated = "; ".join(lost)[:_MOST_STATED] or "nothing"
-        metadata.write(
-            self._folder, summary, {**self._run, "repaired": "index and metadata.yaml written anew", "lost": stated}
-        )
+        own = {"repaired": "index and metadata.yaml written anew", "lost": stated}
+        metadata.write(self._folder, summary, self._run | own)
         return lost
 
     def _lost(self, files: list[Path]) -> list[str]:
@@ -167,7 +165,7 @@ class _Copy:
                 writer.start(profile="ros2", library=LIBRARY)
             if last:
                 stated = {"reason": self._reason[:_MOST_STATED], "damaged": "; ".join(self._lines)[:_MOST_STATED]}
-                writer.add_metadata(RECOVERED, stated)
+                writer.add_metadata(_RECOVERED, stated)
             writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()
             os.fsync(stream.fileno())
@@ -194,9 +192,8 @@ class _Ids:
             self._writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             self._summary.add(topic, record.log_time)
         elif isinstance(record, Attachment):
-            self._writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, record.data
-            )
+            times = record.create_time, record.log_time
+            self._writer.add_attachment(*times, record.name, record.media_type, record.data)
 
     def _add_channel(self, record: Channel) -> None:
         schema = self._schemas[record.schema_id]
@@ -209,7 +206,7 @@ class _Ids:
 
 
 @lru_cache(maxsize=64)
-def _profiles(text: str) -> list[Any]:
+def _profiles(text: str) -> list[Document]:
     """Return the profiles in a text, which most channels of a bag share and which takes milliseconds to read.
 
     None where they cannot be read: those of rosbag2 then apply.

@@ -13,13 +13,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_common.files import parse_yaml
+from atpid_common.files import Document, parse_yaml
 from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
 from atpid_control.runs.commanded import as_put_out
 from atpid_control.runs.errors import BagError
@@ -28,7 +29,7 @@ from atpid_control.runs.metadata import SCENE
 from atpid_control.runs.read import kind_of, within_memory
 from atpid_control.runs.signal import RecordedMotion, Signal, StreamClock, clock_of, joined
 from atpid_control.runs.source import Source
-from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Piece, Table
+from atpid_control.runs.tables import INDEX, STAMP, TIME, TRUTH, Columns, Piece, Table, Values
 from atpid_sim.results import Shown
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -90,7 +91,7 @@ class Run(Shown):
     about: dict[str, str]  # run_id, commit, created, scene, clock, ...
     result: dict[str, str]  # finished, wall_s, real_time_factor, ...; empty: not closed
     files: dict[str, bytes]  # configuration, verbatim
-    tables: dict[str, tuple[Table, dict[str, Any]]]  # by name, each with its arrays by column
+    tables: dict[str, tuple[Table, Columns]]  # by name, each with its arrays by column
     unread: list[str]  # what cannot be read, a line each
     missing: list[str]  # that, and what was lost or left out
     scene: Scene | None = None
@@ -119,29 +120,27 @@ class Run(Shown):
         if not len(arrays[INDEX]):
             span = f"{table.begin:g} to {table.begin + table.rows / (table.rate or 1.0):g} s"
             raise BagError(f"{self.path}: no sample from --from to --to; allowed: rising times from {span}")
-        others = tuple(f"{other.name}: {other.rows} samples, another stream, not used" for other, its in streams
-                       if other is not table and len(its[INDEX]))  # fmt: skip
+        more = (other for other, its in streams if other is not table and len(its[INDEX]))
+        others = tuple(f"{other.name}: {other.rows} samples, another stream, not used" for other in more)
         columns = {column.name: column for column in table.columns}
         clock = self._clock(table, arrays)
-        known: dict[str, Any] = {
-            "time0": self._begin(table, arrays, clock), "start_ns": int(arrays[STAMP][0]), "rate": clock.rate,
-            "origin": table.origin, "topic": table.topic, "lost": table.lost, "others": others, "clock": clock,
-        }  # fmt: skip
+        begin, stamp = self._begin(table, arrays, clock), int(arrays[STAMP][0])
+        of = table.origin, table.topic, table.lost, others
+        made = zip(names, (columns[place] for place in places), strict=True)
         return tuple(
-            Signal(name=name, values=arrays[place], unit=columns[place].unit, skew=columns[place].skew, **known)
-            for name, place in zip(names, places, strict=True)
+            Signal(name, begin, stamp, clock.rate, arrays[one.name], one.unit, *of, skew=one.skew, clock=clock)
+            for name, one in made
         )
 
-    def _clock(self, table: Table, arrays: dict[str, Any]) -> StreamClock:
+    def _clock(self, table: Table, arrays: Columns) -> StreamClock:
         if table.name not in self._clocks:
             made = table.origin == TRUTH or "/" not in table.type  # of a message, not of a table's format
-            clock = (
-                StreamClock(table.rate or 1.0) if made else clock_of(arrays[INDEX], arrays[STAMP], table.rate or 1.0)
-            )
+            rate = table.rate or 1.0
+            clock = StreamClock(rate) if made else clock_of(arrays[INDEX], arrays[STAMP], rate)
             self._clocks[table.name] = clock
         return self._clocks[table.name]
 
-    def _begin(self, table: Table, arrays: dict[str, Any], clock: StreamClock) -> float:
+    def _begin(self, table: Table, arrays: Columns, clock: StreamClock) -> float:
         """Return when the first sample that was read was taken [s]."""
         if clock.course is not None:
             return float((int(arrays[STAMP][0]) - self.start_ns) * 1e-9 + clock.late)
@@ -169,7 +168,7 @@ class Run(Shown):
         answer = self.signal(measured)
         return replace(answer, name=given, values=np.full(len(answer.values), np.nan)), answer
 
-    def streams(self, origin: str = "") -> list[tuple[Table, dict[str, Any]]]:
+    def streams(self, origin: str = "") -> list[tuple[Table, Columns]]:
         """Return the tables of samples, with their arrays: of sensors, or of one origin."""
         sampled = [(table, arrays) for table, arrays in self.tables.values() if table.rate is not None]
         return [one for one in sampled if (one[0].origin == origin if origin else one[0].origin != TRUTH)]
@@ -217,7 +216,7 @@ class Run(Shown):
         topic = self.signal(BEAM).topic
         return sum(table.rows for table, _ in self.tables.values() if table.topic == topic and table.rate is None)
 
-    def messages(self, kind: str) -> dict[str, NDArray[Any]]:
+    def messages(self, kind: str) -> Columns:
         """Return the fields (k,) of all messages of type atpid_interfaces/msg/`kind`, topic by topic.
 
         `time` [s], `stamp` [ns] and `received` [s] are among them; samples are not. Empty where there are none.
@@ -238,7 +237,7 @@ class Run(Shown):
         columns = [column[inside] for column in columns]
         return [np.where(np.isinf(column), np.nan, column) for column in columns]
 
-    def _of_the_run(self, times: Any) -> Any:
+    def _of_the_run(self, times: Array) -> NDArray[np.bool_]:
         return (times >= -_ASIDE) & (times <= self._end + _ASIDE)
 
     @cached_property
@@ -275,7 +274,8 @@ class Run(Shown):
     def events(self) -> list[RunEvent]:
         """The events of the run; consecutive equal ones are one."""
         events: list[RunEvent] = []
-        for event in filter(lambda event: self._of_the_run(event.time), self.all_events):
+        inside = self._of_the_run(np.array([event.time for event in self.all_events]))
+        for event in compress(self.all_events, inside):
             if events and (events[-1].kind, events[-1].text) == (event.kind, event.text):
                 events[-1] = replace(events[-1], count=events[-1].count + 1)
             else:
@@ -317,7 +317,7 @@ class Run(Shown):
         return self.files[SCENE].decode(errors="replace") if SCENE in self.files else None
 
     @cached_property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Document:
         """The parameters kept with the run, by the name of their file. Raises FileError: one is no YAML."""
         kept = {name: data for name, data in self.files.items() if name.endswith(".yaml") and name != SCENE}
         return {name.removesuffix(".yaml"): parse_yaml(data.decode(errors="replace")) for name, data in kept.items()}
@@ -328,8 +328,8 @@ class Run(Shown):
 
         tree = tree_of(self.tables)
         files = {name: data.decode(errors="replace") for name, data in self.files.items() if name.endswith(".yaml")}
-        tree.attrs.update({**self.about, **self.result, "bag": str(self.path), "start_ns": self.start_ns,
-                           "missing": self.missing, "files": files})  # fmt: skip
+        own = {"bag": str(self.path), "start_ns": self.start_ns, "missing": self.missing, "files": files}
+        tree.attrs.update(self.about | self.result | own)
         return tree
 
     to_xarray = tree
@@ -356,18 +356,16 @@ def open_run(path: Path | str, topics: Sequence[str] = (), begin: float = -math.
     if not tables:
         raise source.empty()
     scene, problem = _scene(source)
-    run = Run(path, source.start_ns, source.run, source.result, source.files, tables, source.unread, source.missing,
-              scene, problem)  # fmt: skip
-    return (
-        run
-        if scene is None or not scene.excitation.is_commanded
-        else replace(run, scene=as_put_out(scene, run.messages))
-    )
+    about = source.run, source.result, source.files
+    run = Run(path, source.start_ns, *about, tables, source.unread, source.missing, scene, problem)
+    if scene is not None and scene.excitation.is_commanded:
+        return replace(run, scene=as_put_out(scene, run.messages))
+    return run
 
 
-def _arrays(source: Source, begin: float, until: float) -> dict[str, tuple[Table, dict[str, Any]]]:
+def _arrays(source: Source, begin: float, until: float) -> dict[str, tuple[Table, Columns]]:
     """Read the bag into arrays by table and column."""
-    parts: defaultdict[str, list[tuple[Any, ...]]] = defaultdict(list)
+    parts: defaultdict[str, list[tuple[Values, ...]]] = defaultdict(list)
     held = 0
     for piece in source.pieces():
         table = piece.table

@@ -12,22 +12,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from mcap.data_stream import ReadDataStream
+from mcap import records as mcap
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)  # fmt: skip
+from mcap.stream_reader import StreamReader
 
 from atpid_control.runs.parts import MAGIC
 from atpid_control.runs.records import BoundedFile, inside, unpacked
@@ -46,15 +33,12 @@ _WINDOW = 2**20  # searched at once [bytes]
 _WASTE = 2**26
 #: Opcode and length of what follows the last data.
 _ENDS = ((Opcode.DATA_END, 4), (Opcode.FOOTER, 20))
-_KINDS: dict[int, type[McapRecord]] = {
-    Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
-    Opcode.ATTACHMENT: Attachment, Opcode.METADATA: Metadata, Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex, Opcode.METADATA_INDEX: MetadataIndex, Opcode.STATISTICS: Statistics,
-}  # fmt: skip
+#: Records that are not read: where the data end, and what is found without them.
+_LEFT = {Opcode.DATA_END, Opcode.FOOTER, Opcode.MESSAGE_INDEX, Opcode.SUMMARY_OFFSET}
 
 
 @dataclass
-class Damage(McapRecord):
+class Damage(mcap.McapRecord):
     """A part of the file that is left out."""
 
     begin: int  # of its first byte
@@ -65,12 +49,12 @@ class Damage(McapRecord):
 class _Summary(NamedTuple):
     """The end of a file that was closed."""
 
-    records: list[McapRecord]
+    records: list[mcap.McapRecord]
     places: list[int]  # where chunks, attachments and metadata begin, in their order
     begin: int
 
 
-def salvage(file: Path) -> Iterator[McapRecord]:
+def salvage(file: Path) -> Iterator[mcap.McapRecord]:
     """Yield the records of a file that are whole, and a Damage for each part that is not.
 
     The schemas, channels and statistics of the index follow the header, where it is whole. Ends for any file: each step
@@ -91,13 +75,13 @@ class _Walk:
         self._size = stream.seek(0, 2)
         self._waste = _WASTE + 4 * self._size
 
-    def records(self) -> Iterator[McapRecord]:
+    def records(self) -> Iterator[mcap.McapRecord]:
         summary = self._summary()
         end = self._size
         places: list[int] = []
-        indexed: list[McapRecord] = []
+        indexed: list[mcap.McapRecord] = []
         if summary is not None:
-            indexed = [one for one in summary.records if isinstance(one, (Schema, Channel, Statistics))]
+            indexed = [one for one in summary.records if isinstance(one, (mcap.Schema, mcap.Channel, mcap.Statistics))]
             places, end = summary.places, summary.begin
         place = len(MAGIC)
         while place < end:
@@ -137,27 +121,27 @@ class _Walk:
         opcode, length = self._head(place)
         return place >= end or (opcode in set(Opcode) and place + _HEAD.size + length <= self._size)
 
-    def _whole(self, place: int, opcode: int, length: int) -> Iterator[McapRecord]:
+    def _whole(self, place: int, opcode: int, length: int) -> Iterator[mcap.McapRecord]:
         """Yield the record at `place`, those inside of a chunk. Raises an error where it is not whole."""
-        if opcode not in _KINDS and opcode != Opcode.MESSAGE:
-            if opcode not in set(Opcode):
-                raise ValueError(f"{opcode} is no kind of record")
+        if opcode not in set(Opcode):
+            raise ValueError(f"{opcode} is no kind of record")
+        if opcode in _LEFT:
             if opcode == Opcode.MESSAGE_INDEX and 6 + int.from_bytes(self._content(place, 6)[2:], "little") != length:
                 raise ValueError("the index of a chunk's messages has a wrong length")
             return
         data = self._content(place, length)
-        record = parsed(opcode, data)
-        if isinstance(record, Attachment):
+        record = _parsed(opcode, data)
+        if isinstance(record, mcap.Attachment):
             stored = int.from_bytes(data[-_CRC_SIZE:], "little")
             if stored not in (0, zlib.crc32(data[:-_CRC_SIZE])):
                 raise ValueError(f"the file {record.name[:60]!r} kept in it is damaged")
-        if isinstance(record, Chunk):
+        if isinstance(record, mcap.Chunk):
             contents = unpacked(record)
             if not record.uncompressed_crc:  # nothing else shows whether all of it is whole
                 for _ in inside(contents):
                     pass
             yield from inside(contents)
-        elif not isinstance(record, (ChunkIndex, AttachmentIndex, MetadataIndex, Statistics)):
+        elif not isinstance(record, (mcap.ChunkIndex, mcap.AttachmentIndex, mcap.MetadataIndex, mcap.Statistics)):
             yield record
 
     def _content(self, place: int, length: int) -> bytes:
@@ -211,19 +195,19 @@ class _Walk:
             return None
 
 
-def _index(data: bytes) -> tuple[list[McapRecord], list[int]]:
+def _index(data: bytes) -> tuple[list[mcap.McapRecord], list[int]]:
     """Return the records of an index, and where the records begin that it names."""
-    found: list[McapRecord] = []
+    found: list[mcap.McapRecord] = []
     places: list[int] = []
     at = 0
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        if opcode in _KINDS:
-            record = parsed(opcode, data[at : at + length])
-            if isinstance(record, ChunkIndex):
+        if opcode in set(Opcode) - _LEFT:
+            record = _parsed(opcode, data[at : at + length])
+            if isinstance(record, mcap.ChunkIndex):
                 places.append(record.chunk_start_offset)
-            elif isinstance(record, (AttachmentIndex, MetadataIndex)):
+            elif isinstance(record, (mcap.AttachmentIndex, mcap.MetadataIndex)):
                 places.append(record.offset)
             else:
                 found.append(record)
@@ -231,11 +215,9 @@ def _index(data: bytes) -> tuple[list[McapRecord], list[int]]:
     return found, sorted(places)
 
 
-def parsed(opcode: int, data: bytes) -> McapRecord:
+def _parsed(opcode: int, data: bytes) -> mcap.McapRecord:
     """Return the record that `data` holds; raise an error where they are not of its kind."""
-    content = ReadDataStream(BoundedFile(BytesIO(data)))  # type: ignore[arg-type]
-    if opcode == Opcode.MESSAGE:
-        message: McapRecord = Message.read(content, len(data))
-        return message
-    found: McapRecord = _KINDS[opcode].read(content)  # type: ignore[attr-defined]
-    return found
+    content = BoundedFile(BytesIO(_HEAD.pack(opcode, len(data)) + data))
+    reader = StreamReader(content, skip_magic=True, emit_chunks=True)  # type: ignore[arg-type]
+    record: mcap.McapRecord = next(reader.records)
+    return record

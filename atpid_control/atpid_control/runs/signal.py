@@ -141,9 +141,9 @@ def joined(signals: Sequence[Signal]) -> tuple[Signal, ...]:
             places = one.clock.places(times - one.skew - (one.time0 - one.clock.late))
             values = interpolated(values, places, one.rate / slowest.rate)
         apart = 0.0 if one.topic == slowest.topic else math.hypot(one.clock.error, slowest.clock.error)
-        made.append(replace(slowest, name=one.name, unit=one.unit, values=values, clock_error=apart, skew=slowest.skew,
-                            origin=slowest.origin if one is slowest else f"{one.origin} at the instants of "
-                            f"{slowest.origin}", lost=one.lost, others=one.others))  # fmt: skip
+        origin = slowest.origin if one is slowest else f"{one.origin} at the instants of {slowest.origin}"
+        own = replace(slowest, name=one.name, unit=one.unit, lost=one.lost, others=one.others)
+        made.append(replace(own, values=values, origin=origin, clock_error=apart))
     return tuple(made)
 
 

@@ -8,30 +8,17 @@ Of samples every index has its row, a lost one with NaN, so that nothing is join
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.records import Channel
+from numpy.typing import NDArray
 
 from atpid_common.vocabulary import DRIVES, Drive
-from atpid_control.runs.decode import scans_of, stamp_of
+from atpid_control.runs import tables as of_tables
+from atpid_control.runs.decode import Decoded, scans_of, stamp_of
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.read import Contents, kind_of, reason_to_leave_out
-from atpid_control.runs.tables import (
-    INDEX,
-    RECEIVED,
-    STAMP,
-    TEXT,
-    TIME,
-    Column,
-    Leaf,
-    Piece,
-    Table,
-    comments,
-    common,
-    has_header,
-    leaves,
-)  # fmt: skip
+from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TEXT, TIME, Column, Leaf, Piece, Table, Values
 from atpid_sim.system import Array
 
 #: Longest gap inside a segment [s]; all of its gaps together may be as long, and this many times its samples besides.
@@ -43,11 +30,11 @@ _TOLERANCE = 1_000_000_000
 
 
 @dataclass
-class Segment:
+class _Segment:
     """Blocks whose indices go on."""
 
     number: int  # from 0 on, in its topic
-    layout: tuple[Any, ...]  # rate [Hz], device, channels, units, delays
+    layout: tuple[float, tuple[object, ...]]  # rate [Hz], device, channels, units, delays
     first: int  # index of its first scan
     start_ns: int  # and its stamp
     offset: float  # of that scan after the begin of the bag, by stamp as far as that can be [s]
@@ -61,9 +48,9 @@ class Segment:
     @property
     def rate(self) -> float:
         """Rate of its samples [Hz]."""
-        return float(self.layout[0])
+        return self.layout[0]
 
-    def goes_on(self, layout: tuple[Any, ...], first: int, stamp_ns: int, last: bool) -> bool:
+    def goes_on(self, layout: tuple[float, tuple[object, ...]], first: int, stamp_ns: int, last: bool) -> bool:
         """Whether a block that begins at index `first` continues it; `last`: it has the block before."""
         ahead = first - self.following
         if layout != self.layout or not 0 <= ahead <= LONGEST_GAP * self.rate:
@@ -77,21 +64,21 @@ class Segments:
     """The segments of one topic, as its blocks come: the one rule of all readers for gaps and jumps.
 
     A gap of at most a minute belongs to its segment, and readers fill it with NaN, as long as the gaps of a segment are
-    not many times what is there. Any other step of the index, ahead or back, begins another segment, as do another rate
+    not many times what is there. A step of the index beyond that, ahead or back, begins another one, as do another rate
     and other channels: the work a bag takes grows with the samples in it, whatever their indices are.
     """
 
     def __init__(self, start_ns: int = 0) -> None:
         """Begin; `start_ns` is the stamp of the bag's first sample."""
-        self.all: list[Segment] = []
+        self.all: list[_Segment] = []
         self._start_ns = start_ns
-        self._last: Segment | None = None  # that has the block before
+        self._last: _Segment | None = None  # that has the block before
 
-    def place(self, block: Any) -> Segment | str:
+    def place(self, block: Decoded) -> _Segment | str:
         """Return the segment of a block that `message_checks` lets pass, or why it has none."""
         first, scans, stamp = int(block.first_index), scans_of(block), stamp_of(block)
         named = (tuple(getattr(block, name, ())) for name in ("channels", "units", "skew"))
-        layout = (float(block.rate), getattr(block, "device", ""), *named)
+        layout = float(block.rate), (getattr(block, "device", ""), *named)
         before = self._last
         known = [*([before] if before else []), *reversed(self.all)]
         segment = next((one for one in known if one.goes_on(layout, first, stamp, one is before)), None)
@@ -102,7 +89,7 @@ class Segments:
                 return f"a block goes back to index {first} after {before.following - 1}"
             if len(self.all) == _MOST:
                 return f"its index jumps for the {_MOST}th time"
-            segment = Segment(len(self.all), layout, first, stamp, self._offset(stamp), first, stamp)
+            segment = _Segment(len(self.all), layout, first, stamp, self._offset(stamp), first, stamp)
             if before is not None:
                 segment.jump = f"its index goes from {before.following - 1} to {first}, at {segment.rate:g} Hz"
             self.all.append(segment)
@@ -203,15 +190,17 @@ class Source(Contents):
             same = sum(topic == channel.topic for topic, _, _ in self._topics)
             own = channel.topic.strip("/") + (f"_definition_{same + 1}" if same else "")
             series = _SAMPLED.get(kind_of(name), ())
-            known = comments(definition.decode(errors="replace"))
-            known |= {field: (self._drive.unit, known[field][1]) for field in _OF_DRIVE.get(kind_of(name), ())
-                      if field in known}  # fmt: skip
-            fields = [leaf for leaf in leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series]
+            known = of_tables.comments(definition.decode(errors="replace"))
+            for field in known.keys() & _OF_DRIVE.get(kind_of(name), ()):
+                known[field] = self._drive.unit, known[field][1]
+            fields = [
+                leaf for leaf in of_tables.leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series
+            ]
             samples = _Samples(own, channel.topic, name, known, self.start_ns) if series else None
             scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []
-            columns = (*common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in fields))
+            columns = (*of_tables.common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in fields))
             table = Table(own + ("_blocks" if series else ""), channel.topic, name, columns)
-            stamped = has_header(self.decoder, channel.schema_id)
+            stamped = of_tables.has_header(self.decoder, channel.schema_id)
             self._topics[key] = _Topic(kind_of(name), stamped, fields, table, samples, self.start_ns, [])
         return self._topics[key]
 
@@ -225,7 +214,7 @@ def _first_sample(path: Path) -> tuple[int, Drive]:
         kind, message = kind_of(bag.types[channel.topic]), bag.decoder.decode(channel.schema_id, record.data)
         if reason_to_leave_out(kind, message):
             continue
-        stamp = stamp_of(message) if has_header(bag.decoder, channel.schema_id) else record.log_time
+        stamp = stamp_of(message) if of_tables.has_header(bag.decoder, channel.schema_id) else record.log_time
         if kind in _SAMPLED and scans_of(message):
             sampled = stamp if sampled is None else sampled
             channels = getattr(message, "channels", ())
@@ -247,9 +236,9 @@ class _Topic:
     table: Table
     samples: "_Samples | None"
     start_ns: int
-    waiting: list[tuple[Any, ...]]
+    waiting: list[tuple[object, ...]]
 
-    def rows(self, message: Any, log_ns: int) -> Iterator[Piece]:
+    def rows(self, message: Decoded, log_ns: int) -> Iterator[Piece]:
         """Yield what a message completes."""
         if reason := reason_to_leave_out(self.kind, message):
             self.table.left_out[reason] += 1
@@ -281,7 +270,7 @@ class _Samples:
         self._name, self._topic, self._type, self._known, self._start = name, topic, type_name, known, start_ns
         self._segments = Segments(start_ns)
 
-    def rows(self, block: Any) -> Iterator[Piece]:
+    def rows(self, block: Decoded) -> Iterator[Piece]:
         """Yield the rows of a block, those of the samples lost before it first."""
         segment = self._segments.place(block)
         if isinstance(segment, str):
@@ -289,7 +278,7 @@ class _Samples:
             return
         if segment.number == len(self.tables):
             name = self._name + (f"_{segment.number + 1}" if segment.number else "")
-            columns = (*common(TIME, STAMP, INDEX), *self._channels(block))
+            columns = (*of_tables.common(TIME, STAMP, INDEX), *self._channels(block))
             known = segment.rate, segment.offset, segment.jump, segment.first
             self.tables.append(Table(name, self._topic, self._type, columns, *known))
         table, first, step = self.tables[segment.number], int(block.first_index), 1e9 / segment.rate
@@ -305,12 +294,12 @@ class _Samples:
             nothing = np.full((len(after), len(table.columns) - 3), np.nan)
             yield self._piece(table, begin + first, _stamps(begin_ns, after, step), nothing)
 
-    def _piece(self, table: Table, first: int, stamps: Any, values: Array) -> Piece:
+    def _piece(self, table: Table, first: int, stamps: NDArray[np.int64], values: Array) -> Piece:
         table.rows += len(stamps)
         index = first + np.arange(len(stamps), dtype=np.int64)
         return Piece(table, ((stamps - self._start) * 1e-9, stamps, index, *np.ascontiguousarray(values.T)))
 
-    def _channels(self, block: Any) -> Iterator[Column]:
+    def _channels(self, block: Decoded) -> Iterator[Column]:
         if hasattr(block, "beam"):
             yield from (Column(name, *self._known.get(name, ("m", ""))) for name in _SERIES)
             return
@@ -323,19 +312,19 @@ class _Samples:
             yield Column(free, unit, f"channel {name} of {block.device}", skew=skew)
 
 
-def _stamps(begin_ns: int, after: Any, step: float) -> Any:
+def _stamps(begin_ns: int, after: NDArray[np.int64], step: float) -> NDArray[np.int64]:
     """Return the stamps of samples (n,) `after` the one of `begin_ns`, `step` apart [ns]."""
-    return begin_ns + np.rint(after * step).astype(np.int64)
+    return np.asarray(begin_ns + np.rint(after * step).astype(np.int64))
 
 
-def _values(block: Any) -> Array:
+def _values(block: Decoded) -> Array:
     """Return the samples (n, channels)."""
     if hasattr(block, "beam"):
         return np.column_stack([np.asarray(getattr(block, name), dtype=np.float64) for name in _SERIES])
     return np.asarray(block.data, dtype=np.float64).reshape(-1, len(block.channels))
 
 
-def _array(values: Any, dtype: np.dtype[Any]) -> Any:
+def _array(values: Sequence[object], dtype: np.dtype[np.generic]) -> Values:
     array = np.empty(len(values), dtype)
     array[:] = list(values) if dtype == TEXT else values
     return array

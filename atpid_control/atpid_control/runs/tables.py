@@ -11,14 +11,18 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-from atpid_control.runs.decode import Decoder
+from atpid_common.files import Document
+from atpid_control.runs.decode import Decoded, Decoder, Fields
 
+#: The values (k,) of a column, of any type; those of a table by its columns' names.
+Values: TypeAlias = NDArray[Any]
+Columns: TypeAlias = dict[str, Values]
 #: Type of a column of texts.
 TEXT = np.dtype(object)
 #: Origin of the simulated plant's own motion; sensors have the last word of their topic, such as `laser`.
@@ -34,7 +38,7 @@ class Column:
     name: str
     unit: str
     description: str
-    dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float64))
+    dtype: np.dtype[np.generic] = field(default_factory=lambda: np.dtype(np.float64))
     skew: float = 0.0  # delay of the channel's sampling instants after `time` [s]
 
 
@@ -82,14 +86,13 @@ class Table:
         """The columns that hold what was measured or published."""
         return tuple(column for column in self.columns if column.name not in (TIME, STAMP, INDEX))
 
-    def about(self) -> dict[str, Any]:
+    def about(self) -> Document:
         """Return what is not in the columns, as plain values."""
-        return {
-            "topic": self.topic, "type": self.type, **({} if self.rate is None else {"rate": self.rate}),
-            "lost": self.lost, "gap_first_index": [first for first, _ in self.gaps],
-            "gap_samples": [count for _, count in self.gaps],
-            "left_out": self.left_out.total(), "left_out_reasons": sorted(self.left_out),
-        }  # fmt: skip
+        rate = {} if self.rate is None else {"rate": self.rate}
+        firsts, counts = ([gap[place] for gap in self.gaps] for place in (0, 1))
+        gaps = {"lost": self.lost, "gap_first_index": firsts, "gap_samples": counts}
+        left_out = {"left_out": self.left_out.total(), "left_out_reasons": sorted(self.left_out)}
+        return {"topic": self.topic, "type": self.type, **rate, **gaps, **left_out}
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Piece:
     """Rows of a table: one array (k,) a column."""
 
     table: Table
-    arrays: tuple[NDArray[Any], ...]
+    arrays: tuple[Values, ...]
 
     def __len__(self) -> int:
         return len(self.arrays[0])
@@ -109,10 +112,8 @@ _UNIT = re.compile(r"\[([^\]\s]{1,12})\]")
 _HEADER = "std_msgs/msg/Header"
 #: Never recorded as true.
 _HANDSHAKE = "handshake"
-_NUMBERS = {
-    "bool": np.bool_, "byte": np.uint8, "char": np.uint8, "float32": np.float32, "float64": np.float64,
-    **{f"{sign}int{bits}": getattr(np, f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
-}  # fmt: skip
+_NUMBERS = {f"{sign}int{bits}": getattr(np, f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_NUMBERS |= {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "float32": np.float32, "float64": np.float64}
 
 
 def comments(definition: str) -> dict[str, tuple[str, str]]:
@@ -135,7 +136,7 @@ class Leaf:
     path: tuple[str, ...]
     column: Column
 
-    def value(self, message: Any) -> Any:
+    def value(self, message: Decoded) -> object:
         """Return the value in a decoded message; a sequence as JSON."""
         for name in self.path:
             message = getattr(message, name)
@@ -159,7 +160,7 @@ def has_header(decoder: Decoder, schema_id: int) -> bool:
 
 
 def _leaves(
-    fields: Callable[[str], dict[str, Any]], type_name: str, known: dict[str, tuple[str, str]], path: tuple[str, ...]
+    fields: Callable[[str], Fields], type_name: str, known: dict[str, tuple[str, str]], path: tuple[str, ...]
 ) -> Iterator[Leaf]:
     for name, (kind, described) in fields(type_name).items():
         unit, text = known.get((*path, name)[0], ("", ""))
@@ -175,7 +176,7 @@ def _leaves(
             yield Leaf(place, Column(".".join(place), unit, text, np.dtype(_NUMBERS.get(base, object))))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a field's value as JSON takes it."""
     if isinstance(value, np.ndarray):
         return value.tolist()

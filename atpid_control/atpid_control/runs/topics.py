@@ -9,20 +9,20 @@ stamp.sec int32 at 4, stamp.nanosec uint32 at 8. The other fields are decoded.
 import struct
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap.records import Schema
 
-from atpid_control.runs.decode import Decoder, message_type
+from atpid_control.runs.decode import Decoded, Decoder, message_type
 from atpid_control.runs.errors import BagError, MessageError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
-EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
-LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
-SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
-EXCITED_BY, EXCITER = "atpid_interfaces/msg/ExcitationCommand", "atpid_interfaces/msg/ExcitationState"
+EVENT, _DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
+_LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
+_SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
+_EXCITED_BY, _EXCITER = "atpid_interfaces/msg/ExcitationCommand", "atpid_interfaces/msg/ExcitationState"
 #: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
-BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION, SUPERVISOR)
+_BY_CLOCK = (_DIAGNOSTICS, _LOG, TRANSITION, _SUPERVISOR)
 #: Everything the graph publishes, in the order in which messages of one stamp are written.
 DEFAULT = (
     f"sensors/laser {BLOCK}",
@@ -31,12 +31,12 @@ DEFAULT = (
     "excitation atpid_interfaces/msg/Excitation",
     "ceiling/command atpid_interfaces/msg/CeilingCommand",
     "ceiling/state atpid_interfaces/msg/CeilingState",
-    f"excitation/command {EXCITED_BY}",
-    f"excitation/state {EXCITER}",
+    f"excitation/command {_EXCITED_BY}",
+    f"excitation/state {_EXCITER}",
     f"events {EVENT} transient_local",
-    f"/diagnostics {DIAGNOSTICS}",
-    f"/rosout {LOG} transient_local",
-    f"supervisor/state {SUPERVISOR}",
+    f"/diagnostics {_DIAGNOSTICS}",
+    f"/rosout {_LOG} transient_local",
+    f"supervisor/state {_SUPERVISOR}",
     f"motor_node/transition_event {TRANSITION}",
     f"excitation_node/transition_event {TRANSITION}",
     f"labjack_node/transition_event {TRANSITION}",
@@ -55,19 +55,9 @@ class Topic:
     transient_local: bool = False
 
     @property
-    def has_header(self) -> bool:
-        """Whether its messages begin with a std_msgs/Header."""
-        return message_type(self.type).has_header
-
-    @property
-    def has_handshake(self) -> bool:
-        """Whether its messages carry the field `handshake` after the header."""
-        return message_type(self.type).has_handshake
-
-    @property
     def in_loop(self) -> bool:
         """Whether it carries every stamp of a run, unlike an operator's commands, events, diagnostics and the log."""
-        beside = (EVENT, SUPERVISOR, EXCITED_BY, EXCITER)
+        beside = (EVENT, _SUPERVISOR, _EXCITED_BY, _EXCITER)
         return self.type.startswith("atpid_interfaces/") and self.type not in beside
 
 
@@ -82,11 +72,10 @@ def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
         unknown = [option for option in options if option not in _OPTIONS]
         if not kind or unknown or name in topics:
             problem = "given twice" if name in topics else f"given {entry!r}"
-            raise BagError(
-                f"parameter topics: {problem}; allowed: 'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
-            )
+            allowed = f"'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
+            raise BagError(f"parameter topics: {problem}; allowed: {allowed}")
         message_type(kind)
-        if not (lockstep and kind in BY_CLOCK):
+        if not (lockstep and kind in _BY_CLOCK):
             topics[name] = Topic(name, kind, "best_effort" in options, "transient_local" in options)
     return list(topics.values())
 
@@ -95,7 +84,7 @@ _STAMP = struct.Struct("<iI")
 _LITTLE_ENDIAN = 1
 
 
-class Sent(NamedTuple):
+class _Sent(NamedTuple):
     """What kind of Event it is, and the node that published it."""
 
     kind: str
@@ -127,19 +116,21 @@ def block_shape(data: bytes) -> BlockShape:
     return BlockShape(block.first_index, block.rate, values // channels)
 
 
-def truth_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for an invalid one."""
-    truth = _decoded(TRUTH, data)
-    return BlockShape(truth.first_index, truth.rate, len(truth.support))
+def shape_of(kind: str, data: bytes) -> BlockShape | None:
+    """Return which scans a message of type `kind` holds, None: it is none of samples; raise MessageError: invalid."""
+    if kind == BLOCK:
+        return block_shape(data)
+    truth = _decoded(TRUTH, data) if kind == TRUTH else None
+    return truth and BlockShape(truth.first_index, truth.rate, len(truth.support))
 
 
-def event(data: bytes) -> Sent:
+def event(data: bytes) -> _Sent:
     """Return kind and node of an atpid_interfaces/msg/Event; raise MessageError for an invalid one."""
     decoded = _decoded(EVENT, data)
-    return Sent(str(decoded.kind), str(decoded.node))
+    return _Sent(str(decoded.kind), str(decoded.node))
 
 
-def _decoded(kind: str, data: bytes) -> Any:
+def _decoded(kind: str, data: bytes) -> Decoded:
     try:
         return decoder_of(kind).decode(0, data)
     except BagError:

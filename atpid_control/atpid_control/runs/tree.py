@@ -3,18 +3,17 @@
 """Tables as labelled arrays: an xarray DataTree with a Dataset for each stream of samples and each topic, or pandas."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import pandas as pd
 import xarray as xr
 
-from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TIME, Table
+from atpid_control.runs.tables import INDEX, RECEIVED, STAMP, TIME, Columns, Table
 
 #: Columns that are coordinates, not measured.
 _COORDINATES = (TIME, STAMP, RECEIVED, INDEX)
 
 
-def tree_of(tables: Mapping[str, tuple[Table, dict[str, Any]]]) -> xr.DataTree:
+def tree_of(tables: Mapping[str, tuple[Table, Columns]]) -> xr.DataTree:
     """Return tables and their columns (n,) by name as a tree of Datasets.
 
     Each has the dimension `time` [s] with the exact `stamp` [ns] and, of samples, the `index` beside it; names, units
@@ -52,7 +51,7 @@ def _places(names: Sequence[str]) -> dict[str, str]:
     return places
 
 
-def _dataset(table: Table, arrays: dict[str, Any]) -> xr.Dataset:
+def _dataset(table: Table, arrays: Columns) -> xr.Dataset:
     variables = {}
     for column in table.columns:
         about = {"units": column.unit or "1", "long_name": column.description or column.name}

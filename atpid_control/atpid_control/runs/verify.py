@@ -11,20 +11,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from mcap.reader import make_reader
 from mcap.records import Channel, Header, McapRecord, Message, Schema, Statistics
 
-from atpid_control.runs.decode import Decoder, scans_of
+from atpid_control.runs.decode import Decoded, Decoder, scans_of
 from atpid_control.runs.errors import BagError
-from atpid_control.runs.parts import SQLITE_ENDING, check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.parts import SQLITE_ENDING, check_listed, find_parts, read_metadata
 from atpid_control.runs.records import IDS, NO_RECOVERY, BoundedFile, channel_of, plain, records, renumbered
 from atpid_control.runs.salvage import Damage, salvage
 from atpid_control.runs.writer import LIBRARY
 
 #: Losses of one topic, and damaged parts of a file, that are listed; the others are counted.
-LISTED = 20
+_LISTED = 20
 
 
 @dataclass
@@ -41,7 +40,7 @@ class _Stream:
 
     def add_gap(self, line: str) -> None:
         self.gaps += 1
-        if len(self.lines) < LISTED:
+        if len(self.lines) < _LISTED:
             self.lines.append(line)
 
 
@@ -56,7 +55,7 @@ class Losses:
         self._streams: dict[str, _Stream] = {}
         self.numbered = True  # whether the messages of the present file are, from 0 on in each topic
 
-    def add(self, topic: str, sequence: int, message: Any) -> None:
+    def add(self, topic: str, sequence: int, message: Decoded) -> None:
         """Take a decoded message."""
         stream = self._streams.setdefault(topic, _Stream())
         skipped = 0
@@ -102,7 +101,7 @@ class Losses:
         return [f"{topic}: ends with scan {one.index - 1}" for topic, one in streams if one.index]
 
 
-def _first_of(message: Any) -> int | None:
+def _first_of(message: Decoded) -> int | None:
     """Return the index of the first scan of a block; None: a message of another kind, or an invalid one."""
     try:
         scans_of(message)
@@ -127,6 +126,7 @@ class Verified:
     end_ns: int
     lost: tuple[str, ...] = ()  # what is missing, by sample index, a line each
     unread: tuple[str, ...] = ()  # topics that were counted and not decoded, a line each
+    problem: str = ""  # why index or metadata.yaml do not fit the messages; empty: the bag is whole
 
 
 class Pass:
@@ -135,7 +135,7 @@ class Pass:
     def __init__(self, strict: bool) -> None:
         """Raise BagError for a message that cannot be decoded, where `strict`; else count it as lost."""
         self._strict = strict
-        self._decoder, self._channels = Decoder(), dict[int, Channel]()
+        self.decoder, self.channels = Decoder(), dict[int, Channel]()
         self._unknown: dict[int, str] = {}  # definitions of another program that cannot be read: why
         self.unread: dict[str, str] = {}  # topics with messages of them
         self.losses, self.counts = Losses(), Counter[str]()
@@ -145,64 +145,73 @@ class Pass:
     def take(self, record: McapRecord, place: int) -> bool:
         """Take a record of the file at `place`; return whether it can be used. Raises BagError."""
         try:
-            return self._take(record, place)
+            self._take(record, place)
         except BagError:
             if self._strict:
                 raise
             return False
+        return True
 
-    def _take(self, record: McapRecord, place: int) -> bool:
+    def decoded(self, channel: Channel, message: Decoded) -> None:
+        """Take each message that can be decoded; here it is of no use."""
+
+    def _take(self, record: McapRecord, place: int) -> None:
         if isinstance(record, Header):
             self.losses.numbered = record.library == LIBRARY
         elif isinstance(record, Schema):
             try:
-                self._decoder.add(record)
+                self.decoder.add(record)
             except BagError as error:
                 if self.losses.numbered:  # of our own recorder: damaged
                     raise
                 self._unknown[record.id] = str(error)
         elif isinstance(record, Channel):
-            self._channels[record.id] = record
+            self.channels[record.id] = record
         elif isinstance(record, Statistics):
             for number, count in record.channel_message_counts.items():
-                known = self._channels.get(number + place * IDS)
+                known = self.channels.get(number + place * IDS)
                 self.written[known.topic if known else f"channel {number}"] += count
         elif isinstance(record, Message):
-            channel = channel_of(record, self._channels)
+            channel = channel_of(record, self.channels)
+            self.counts[channel.topic] += 1
             if channel.schema_id in self._unknown:
                 self.unread[channel.topic], message = self._unknown[channel.schema_id], None
             else:
-                message = self._decoder.decode(channel.schema_id, record.data)
-            self.counts[channel.topic] += 1
+                message = self.decoder.decode(channel.schema_id, record.data)
+                self.decoded(channel, message)
             self.start, self.end = min(self.start, record.log_time), max(self.end, record.log_time)
             self.losses.add(channel.topic, record.sequence, message)
-        return True
 
 
 def verify(path: Path) -> Verified:
-    """Read and decode every message of the bag, in order and by its index, and compare with metadata.yaml.
+    """Read and decode every message of the bag; raise BagError where it is not whole."""
+    found = read_through(path, Pass(strict=True))
+    if found.problem:
+        raise BagError(found.problem)
+    return found
 
-    Raises BagError where it is not whole.
+
+def read_through(path: Path, seen: Pass) -> Verified:
+    """Give every record of the bag to `seen`, then read it by its index, and compare with metadata.yaml.
+
+    Raises BagError where it cannot be read to its end.
     """
-    files = find_parts(path)
-    seen = Pass(strict=True)
+    files, totals, problem = find_parts(path), [0], ""
     for place, file in enumerate(files):
-        before = seen.counts.total()
         for record in records(file):
             seen.take(renumbered(record, place), place)
-        if file.suffix != SQLITE_ENDING:
-            _read_by_index(file, seen.counts.total() - before)
-    folder = files[0].parent
-    information = read_metadata(folder)
-    counted = counts_in(information)
-    if path.is_dir():
-        check_listed(folder, files, information)
-    if path.is_dir() or _alone(files[0]):
-        _compare(folder, counted, seen.counts)
+        totals.append(seen.counts.total())
+    try:
+        for file, before, after in zip(files, totals, totals[1:], strict=False):
+            if file.suffix != SQLITE_ENDING:
+                _read_by_index(file, after - before)
+        _compare(path, files, seen.counts)
+    except BagError as error:
+        problem = str(error)
     size = sum(file.stat().st_size for file in files)
-    start = min(seen.start, seen.end)
-    return Verified(folder, seen.counts.total(), dict(seen.counts), size, start, seen.end, tuple(seen.losses.lines()),
-                    tuple(f"{topic}: {why}" for topic, why in seen.unread.items()))  # fmt: skip
+    times, lost = (min(seen.start, seen.end), seen.end), tuple(seen.losses.lines())
+    unread = tuple(f"{topic}: {why}" for topic, why in seen.unread.items())
+    return Verified(files[0].parent, totals[-1], dict(seen.counts), size, *times, lost, unread, problem)
 
 
 def survey(path: Path) -> list[str]:
@@ -226,13 +235,13 @@ def salvaged(file: Path, lines: list[str]) -> Iterator[McapRecord]:
                 yield record
                 continue
             left_out += 1
-            if left_out <= LISTED:
+            if left_out <= _LISTED:
                 size = f", bytes {record.begin} to {record.end - 1}" if record.end > record.begin else ""
                 lines.append(f"{file.name}{size}: {record.why}")
     except OSError as error:
         raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
-    if left_out > LISTED:
-        lines.append(f"{file.name}: and {left_out - LISTED} more damaged parts")
+    if left_out > _LISTED:
+        lines.append(f"{file.name}: and {left_out - _LISTED} more damaged parts")
 
 
 def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:
@@ -240,7 +249,7 @@ def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:
     counts = Counter(seen.written)
     if len(files) > 1 or _alone(files[0]):
         with suppress(BagError):  # of a recording that was not closed
-            counts |= Counter(counts_in(read_metadata(files[0].parent)))
+            counts |= Counter(read_metadata(files[0].parent).counts)
     return {topic: count for topic, count in counts.items() if 0 < count < _MOST_COUNTED}
 
 
@@ -256,7 +265,7 @@ def _read_by_index(file: Path, messages: int) -> None:
     """Read the bag as other programs do; raise BagError where they do not find all its messages."""
     with file.open("rb") as stream:
         try:
-            reader: Any = make_reader(BoundedFile(stream), validate_crcs=True)  # type: ignore[arg-type]
+            reader = make_reader(BoundedFile(stream), validate_crcs=True)  # type: ignore[arg-type]
             found = sum(1 for _ in reader.iter_messages(log_time_order=False))
         except Exception as error:  # the library raises many types of errors for an index that leads astray
             reason = " ".join(str(error).split())[:120] or type(error).__name__
@@ -265,8 +274,15 @@ def _read_by_index(file: Path, messages: int) -> None:
         raise BagError(f"{file}: its index leads to {found} of {messages} messages; `atpid bag recover` writes it anew")
 
 
-def _compare(folder: Path, counted: Mapping[str, int], counts: Mapping[str, int]) -> None:
-    """Raise BagError where metadata.yaml lists other numbers of messages than there are."""
+def _compare(path: Path, files: Sequence[Path], counts: Mapping[str, int]) -> None:
+    """Raise BagError where metadata.yaml lists other files, or other numbers of messages, than there are."""
+    folder = files[0].parent
+    listed = read_metadata(folder)
+    if path.is_dir():
+        check_listed(folder, files, listed)
+    elif not _alone(files[0]):
+        return
+    counted = listed.counts
     wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts.get(topic, 0))
     if wrong:
         raise BagError(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import mkstemp
-from typing import IO, Any, cast
+from typing import IO, cast
 
 import yaml
 from mcap.data_stream import RecordBuilder
@@ -95,12 +95,11 @@ def check_new(folder: Path) -> None:
         raise BagError(f"{folder}: exists already, and a bag is never written over; choose another folder or remove it")
     parent = next(path for path in folder.absolute().parents if path.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise BagError(
-            f"{folder}: cannot make the bag, {parent} is not a folder one may write to; choose another folder"
-        )
+        what = f"{parent} is not a folder one may write to; choose another folder"
+        raise BagError(f"{folder}: cannot make the bag, {what}")
 
 
-def write_all(file: int, data: bytes) -> None:
+def _write_all(file: int, data: bytes) -> None:
     """Write all of `data` to an open file; raise OSError where it cannot be written."""
     rest = memoryview(data)
     while rest:
@@ -122,7 +121,7 @@ class Sink:
         return len(data)
 
     def _append(self, data: bytes) -> None:
-        write_all(self._file, data)
+        _write_all(self._file, data)
 
     def tell(self) -> int:
         """Return the number of bytes written so far."""
@@ -167,7 +166,7 @@ class SpooledIndex:
         """Take the index of one more chunk. Raises OSError."""
         builder = RecordBuilder()
         index.write(builder)
-        write_all(self._file, builder.end())  # type: ignore[no-untyped-call]
+        _write_all(self._file, builder.end())  # type: ignore[no-untyped-call]
 
     def __iter__(self) -> Iterator[SpooledIndex]:
         yield self
@@ -208,7 +207,7 @@ class BagWriter:
         self.folder, self._run = folder, run
         self._chunk, self._compression, self._open_sink = chunk, COMPRESSIONS[compression], sink
         self._split = split or Split()
-        self._closed = False
+        self.closed = False
         self._flush = Flush()
         self._files = dict(run.files)  # kept in every file of the bag, each of which can be read alone
         self._types: dict[str, int] = {}
@@ -228,7 +227,7 @@ class BagWriter:
         """Open the file that comes last in the summary and write what it needs to be read alone. Raises OSError."""
         self._sink = self._open_sink(self.folder / self.summary.files[-1].name)
         self._writer = Writer(
-            cast(IO[Any], self._sink),
+            cast(IO[bytes], self._sink),
             chunk_size=self._chunk,
             compression=self._compression,
             enable_crcs=True,
@@ -322,7 +321,7 @@ class BagWriter:
 
     def close(self, result: Mapping[str, str] | None = None) -> None:
         """Write `result` and the index, then metadata.yaml; twice does nothing. Raises BagError."""
-        if self._closed:
+        if self.closed:
             self._sink.close()
             return
         try:
@@ -336,7 +335,7 @@ class BagWriter:
                 metadata.write(self.folder, self.summary, {**self._run.record(), **(result or {})})
         finally:
             self._sink.close()
-            self._closed = True
+            self.closed = True
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -344,7 +343,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            self._closed = True
+            self.closed = True
             self._flush.abandon()
             self._sink.close()
             raise BagError(

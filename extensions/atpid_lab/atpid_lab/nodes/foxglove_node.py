@@ -109,7 +109,7 @@ class FoxgloveNode(Node):
             Dropped.of(self).add(topic.name, reason)
         elif not getattr(message, "handshake", False):
             now_ns = int(self.get_clock().now().nanoseconds)
-            time_ns = stamp_of(message) if topic.has_header else now_ns
+            time_ns = stamp_of(message) if message_type(topic.type).has_header else now_ns
             self.server.send(TraceRecord(topic.name, topic.type, time_ns, data))
             if kind in CHECKS:
                 self._trace(topic, kind, message)
