@@ -80,7 +80,7 @@ def exported(bag: Path, form: str, out: Path, *more: str) -> Path:
 
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the commands that read bags draw nothing, and simulate no stage again."""
-    for command in ("atpid_control.commands.analyse", "atpid_lab.comparison.command", "atpid_lab.validation.command"):
+    for command in ("atpid_control.commands.analyse", "atpid_lab.comparison", "atpid_lab.validation"):
         monkeypatch.setattr(f"{command}.panels", lambda *_: ())
     monkeypatch.setattr("atpid_control.views.report.page.save_pictures", lambda *_: [])
     without_repetition(monkeypatch)

@@ -37,7 +37,7 @@ from atpid_driver.calibration import fit, model
 from atpid_driver.motor.faults import ProtocolError
 from atpid_driver.motor.protocol import decode, encode, reply_of
 from atpid_driver.standins.device import Control
-from atpid_lab.validation.compare import read_measured, scene_of
+from atpid_lab.validation import read_measured, scene_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import SeriesExcitation, load_scene
 from atpid_sim.scene.excitation import Series

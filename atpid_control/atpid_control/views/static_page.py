@@ -12,6 +12,8 @@ from importlib.resources import files
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from atpid_common.files import Document
 from atpid_sim.figure_style import DARK, LIGHT, SIZE, Panels, legend_below, style
 
@@ -41,6 +43,15 @@ def document(title: str, parts: Iterable[str], css: str = "") -> str:
         f"<style>{colours}{_shared('page.css')}{css}</style></head><body><main>"
     )
     return "\n".join([head, *parts, "</main></body></html>\n"])
+
+
+def filled(template: str, package: str, names: Mapping[str, object]) -> str:
+    """Return a template in the folder `data` of a package, filled: a page's body; it may call `table` and lists."""
+    pages = Environment(
+        loader=PackageLoader(package, "data"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    text: str = pages.get_template(template).render({"table": table, "facts": facts, "warnings": warnings, **names})
+    return text
 
 
 def _shared(name: str) -> str:

@@ -4,22 +4,14 @@
 
 from atpid_common.cli import Commands
 
+_CAMPAIGN = "atpid_campaign.campaign.command"
 COMMANDS: Commands = {
     "Run the nodes": {
-        "first-run": (
-            "atpid_campaign.first_run",
-            "a stand's first measurement, step by step, beside what is expected",
-        ),
-        "campaign": (
-            "atpid_campaign.campaign.command",
-            "measure a stand over many points: amplitudes, frequencies, heights, grains",
-        ),
+        "first-run": ("atpid_campaign.first_run", "a stand's first measurement, step by step, beside what is expected"),
+        "campaign": (_CAMPAIGN, "measure a stand over many points: amplitudes, frequencies, heights, grains"),
     },
     "Calibrate": {
-        "calibrate campaign": (
-            "atpid_campaign.campaign.command:MODEL",
-            "a stand's model from its campaign: mass, beam, restitution",
-        ),
+        "calibrate campaign": (f"{_CAMPAIGN}:MODEL", "a stand's model from its campaign: mass, beam, restitution"),
     },
     "For this machine": {
         "doctor": ("atpid_campaign.doctor.command", "what would keep a stand from running, and how to mend it"),

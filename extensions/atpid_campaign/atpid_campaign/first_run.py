@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -20,6 +21,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, positive
 from atpid_common.cli import Parser
 from atpid_common.errors import AtpidError, InputError
+from atpid_common.files import Document
 from atpid_control.analysis.analyse import analyse
 from atpid_control.analysis.signals import AnalysisError, signals_of
 from atpid_control.commands import bench, stand
@@ -33,9 +35,11 @@ from atpid_sim.kernel_inputs import system_of
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.system import Array, structure_of
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 #: Time that a person has for what the step asks for [s].
 _HANDS = 10.0
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --emulated-stand --yes --out out/first_run"
 
 
@@ -74,14 +78,14 @@ def run(args: argparse.Namespace) -> int:
             continue
         done.append((step, *_measured(args, step, expected)))
         for row in done[-1][2]:
-            print(f"{'as expected' if row.right else 'DIFFERS':11}  {row.what}: {row.found}; expected {row.expected}",
-                  file=sys.stderr)  # fmt: skip
+            verdict = "as expected" if row.right else "DIFFERS"
+            print(f"{verdict:11}  {row.what}: {row.found}; expected {row.expected}", file=sys.stderr)
     panels = [[partial(_draw, step=step, run=run)] for step, run, _ in done if run is not None]
     rows = [(step, row) for step, _, found in done for row in found]
     shown = two_columns((f"{step.title}: {row.what}", f"{row.found}; expected {row.expected}") for step, row in rows)
     notes = [f"not as expected: {row.what}: {row.remedy}" for _, row in rows if not row.right] + skipped
-    numbers = {"scene": str(args.scene), "missing": [], "notes": notes,
-               "steps": {step.name: [row._asdict() for row in found] for step, _, found in done}}  # fmt: skip
+    steps = {step.name: [row._asdict() for row in found] for step, _, found in done}
+    numbers = {"scene": str(args.scene), "missing": [], "notes": notes, "steps": steps}
     give(args, numbers, file, Shown(f"First measurement of {args.scene.stem}", shown, notes, picture, panels))
     return int(not all(row.right for _, row in rows))
 
@@ -123,7 +127,7 @@ def _measured(args: argparse.Namespace, step: Step, expected: Expected) -> tuple
         return None, [Row(step.title, str(error), "a run to its end", False, "docs/first_run.md, By symptom")]
 
 
-def _options(command: Any, values: Mapping[str, Any]) -> argparse.Namespace:
+def _options(command: ModuleType, values: Mapping[str, object]) -> argparse.Namespace:
     """Return the options of another command: its defaults, and of `values` those that it has."""
     parser = Parser()
     command.add_arguments(parser)
@@ -132,19 +136,18 @@ def _options(command: Any, values: Mapping[str, Any]) -> argparse.Namespace:
     return found
 
 
-def _scene(scene: Scene, step: Step, motor: Mapping[str, Any]) -> Scene:
+def _scene(scene: Scene, step: Step, motor: Document) -> Scene:
     """Return the scene of a step: closed, moved by a motor with these parameters, as long as the step."""
-    ceiling = scene.ceiling
-    low, high, speed = (*ceiling.range, ceiling.speed) if ceiling.controlled else (
-        max(motor["lowest"], 2.0 * scene.grain.radius), motor["highest"], motor["speed"])  # fmt: skip
+    ceiling, low, high, speed = scene.ceiling, motor["lowest"], motor["highest"], motor["speed"]
+    low = max(low, 2.0 * scene.grain.radius)
+    if ceiling.controlled:
+        (low, high), speed = ceiling.range, ceiling.speed
     closed = {"closed": low, "range": [low, high], "speed": speed, "controller": "direct"}
-    return scene.with_(
-        excitation=dict(step.excitation), ceiling=closed, duration=step.duration, initial=None,
-        steady_window=[0.0, step.duration], faults=(),
-    )  # fmt: skip
+    changes: Document = {"ceiling": closed, "duration": step.duration, "steady_window": [0.0, step.duration]}
+    return scene.with_(excitation=dict(step.excitation), initial=None, faults=(), **changes)
 
 
-def _draw(ax: Any, step: Step, run: Run) -> None:
+def _draw(ax: Axes, step: Step, run: Run) -> None:
     """Draw what the sensors measured in a step, and the ceiling."""
     signals, _ = signals_of(run)
     for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units, strict=True):
@@ -166,9 +169,9 @@ _REST, _STEADY = 5.0, 8.0
 _QUIET = 2.0
 _PASSED = "known motion passed"
 #: How far frequency, damping and amplification may be from the scene's [-]: beyond, the beam is to be calibrated.
-FREQUENCY, DAMPING, AMPLIFICATION = 0.02, 0.2, 0.15
+FREQUENCY, DAMPING, _AMPLIFICATION = 0.02, 0.2, 0.15
 #: And the amplitude from what was set, and what is identified from what is fitted [-].
-AMPLITUDE, IDENTIFIED = 0.1, 0.02
+AMPLITUDE, _IDENTIFIED = 0.1, 0.02
 
 
 class Row(NamedTuple):
@@ -189,7 +192,7 @@ class Step:
     title: str
     task: str
     duration: float  # [s]
-    excitation: Mapping[str, Any]  # of the scene, where the stand is simulated
+    excitation: Mapping[str, object]  # of the scene, where the stand is simulated
     rows: Callable[[Run, Expected], Iterator[Row]]
     move: float = 0.0  # the known motion of the ceiling before it [m]
 
@@ -222,16 +225,17 @@ def steps_of(expected: Expected) -> list[Step]:
     tone = {"amplitude": expected.amplitude, "frequency": "resonance"}
     still, move = tone | {"amplitude": 0.0}, expected.move
     driven = f"{expected.frequency:.2f} Hz and {expected.amplitude:g} {expected.scene.driven_by.unit}"
+    quiet = "Exciter off, beam at rest, everything that hums switched on."
+    pull = f"Exciter off. Pull the tip by at most {reach:.2g} m and release it once the run says that it records."
+    drive = f"Everybody out of the beam's reach (±{reach:.2g} m). Set the exciter to {driven}, from below."
+    travel = f"Exciter off, hands out of the container: the ceiling travels {move:g} m and back."
+    free, decays = {"free": {"deflection": reach}}, 4.0 * constant + 3.0
     return [
-        Step("1-noise", "noise floor", "Exciter off, beam at rest, everything that hums switched on.", _REST, still,
-             _noise),
-        Step("2-decrement", "free decay", f"Exciter off. Pull the tip by at most {reach:.2g} m and release it once "
-             "the run says that it records.", 4.0 * constant + 3.0, {"free": {"deflection": reach}}, _decrement),
-        Step("3-resonance", "closed damper at resonance", f"Everybody out of the beam's reach (±{reach:.2g} m). Set "
-             f"the exciter to {driven}, from below.", settled, tone, _resonance),
-        Step("4-motion", "known motion of the ceiling", f"Exciter off, hands out of the container: the ceiling travels "
-             f"{move:g} m and back.", _REST, still, _motion, move),
-    ]  # fmt: skip
+        Step("1-noise", "noise floor", quiet, _REST, still, _noise),
+        Step("2-decrement", "free decay", pull, decays, free, _decrement),
+        Step("3-resonance", "closed damper at resonance", drive, settled, tone, _resonance),
+        Step("4-motion", "known motion of the ceiling", travel, _REST, still, _motion, move),
+    ]
 
 
 def rows_of(step: Step, run: Run, expected: Expected) -> list[Row]:
@@ -245,9 +249,7 @@ def rows_of(step: Step, run: Run, expected: Expected) -> list[Row]:
         return [Row(step.title, str(error), "a recording that shows it", False, "repeat the step")]
 
 
-def _near(
-    what: str, found: float, expected: float, unit: str, share: float, remedy: str, std: float = 0.0
-) -> Row:  # fmt: skip
+def _near(what: str, found: float, expected: float, unit: str, share: float, remedy: str, std: float = 0.0) -> Row:
     """Return a figure that may differ from the expected one by a share of it, and by three standard deviations."""
     shown = f"{found:.4g}" + (f" ± {std:.1g}" if std else "")
     near = bool(abs(found - expected) <= share * expected + 3.0 * std)
@@ -261,10 +263,10 @@ def _noise(run: Run, expected: Expected) -> Iterator[Row]:
         given = (sensors.load_cell.noise if sensors.load_cell else 0.0) if unit == "N" else sensors.laser.noise
         most = _QUIET * (given or (_NOISE if unit == "m" else math.inf))
         spread = _scatter(values, signals.rate)
-        yield Row(
-            f"{name} at rest", f"{spread:.3g} {unit}", f"up to {most:.3g} {unit}{', not 0' if given else ''}",
-            spread <= most and (spread > 0.0 or not given), "light, cables, a common ground; 0: a converter that holds",
-        )  # fmt: skip
+        quiet, allowed = spread <= most and (spread > 0.0 or not given), f"up to {most:.3g} {unit}"
+        mend = "light, cables, a common ground; 0: a converter that holds"
+        expects = f"{allowed}, not 0" if given else allowed
+        yield Row(f"{name} at rest", f"{spread:.3g} {unit}", expects, quiet, mend)
     steady = int(np.count_nonzero(run.estimates.steady))
     yield Row("excitation identified", f"{steady} estimates", "none", steady == 0, "exciter off? mains? a fan?")
 
@@ -282,8 +284,8 @@ def _decrement(run: Run, expected: Expected) -> Iterator[Row]:
         raise AnalysisError(found.skipped["decrement"])
     calibrate = "atpid calibrate beam, and its block into the scene"
     yield _near("frequency", decay.frequency, expected.frequency, "Hz", FREQUENCY, calibrate, decay.frequency_std)
-    ratio = _near("damping ratio", decay.damping_ratio, expected.ratio, "", DAMPING,
-                  f"{calibrate}; a grain that rattles is not held", decay.damping_ratio_std)  # fmt: skip
+    mend = f"{calibrate}; a grain that rattles is not held"
+    ratio = _near("damping ratio", decay.damping_ratio, expected.ratio, "", DAMPING, mend, decay.damping_ratio_std)
     yield ratio
     usual = math.exp(2.0 * math.pi * expected.ratio / math.sqrt(1.0 - expected.ratio**2))
     peaks = float(np.median(decay.ratios)) if len(decay.ratios) else math.nan
@@ -295,20 +297,20 @@ def _resonance(run: Run, expected: Expected) -> Iterator[Row]:
     if (order := found.orders) is None:
         raise AnalysisError(found.skipped["orders"])
     yield _near("excitation's frequency", order.frequency, expected.frequency, "Hz", FREQUENCY, "set it to the decay's")
-    yield _near("beam over excitation", order.excitation_ratio, expected.amplification(order.frequency), "",
-                AMPLIFICATION, "frequency, clamp, calibration")  # fmt: skip
+    usual, mend = expected.amplification(order.frequency), "frequency, clamp, calibration"
+    yield _near("beam over excitation", order.excitation_ratio, usual, "", _AMPLIFICATION, mend)
     steady, unit = run.estimates.amplitude[run.estimates.steady], expected.scene.driven_by.unit
-    yield _near("amplitude identified", float(steady[-1]) if len(steady) else math.nan, order.excitation, unit,
-                IDENTIFIED, "docs/identification.md, Quality")  # fmt: skip
+    last, mend = float(steady[-1]) if len(steady) else math.nan, "docs/identification.md, Quality"
+    yield _near("amplitude identified", last, order.excitation, unit, _IDENTIFIED, mend)
     yield _near("amplitude", order.excitation, expected.amplitude, unit, AMPLITUDE, "the exciter; calibration")
 
 
 def _motion(run: Run, expected: Expected) -> Iterator[Row]:
     made = [event for event in run.all_events if event.text.startswith("known motion")]
-    yield Row("known motion", made[-1].text if made else "not made", _PASSED, bool(made) and made[-1].text == _PASSED,
-              "docs/first_run.md, The motor")  # fmt: skip
+    found = made[-1].text if made else "not made"
+    yield Row("known motion", found, _PASSED, found == _PASSED, "docs/first_run.md, The motor")
     ends = (made[0].time, made[-1].time) if made else (math.inf, math.inf)
     heights = run.ceiling.height[(run.ceiling.time >= ends[0]) & (run.ceiling.time <= ends[1])]
     if np.isfinite(heights).any():
-        yield _near("ceiling's travel", float(np.nanmax(heights) - np.nanmin(heights)), expected.move, "m",
-                    2.0 * HEIGHT_TOLERANCE / expected.move, "calibrate the height sensor")  # fmt: skip
+        travel, share = float(np.nanmax(heights) - np.nanmin(heights)), 2.0 * HEIGHT_TOLERANCE / expected.move
+        yield _near("ceiling's travel", travel, expected.move, "m", share, "calibrate the height sensor")

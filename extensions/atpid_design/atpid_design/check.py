@@ -17,7 +17,7 @@ from atpid_sim.maps.ratings import at_once
 from atpid_sim.robust import Response, inside
 
 #: Structures drawn at each amplitude, half of them corners of the box, and the seed of the first.
-DRAWN, _SEED = 32, 100
+_DRAWN, _SEED = 32, 100
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ def drawn(problem: Problem, fraction: float, points: Sequence[Point], place: int
     """
     amplitude = between(points)[place]
     height = height_at(points, amplitude)
-    box = inside(DRAWN, problem.quantities, _SEED + place)
+    box = inside(_DRAWN, problem.quantities, _SEED + place)
     box[::2] = np.sign(box[::2])
-    at = drawn_frequencies(problem, DRAWN, _SEED + place)
+    at = drawn_frequencies(problem, _DRAWN, _SEED + place)
     # beside the resonance several motions exist, and which one is found depends on the path
     paths = (at_once,) if problem.excitation_frequency is None else ALL_APPROACHES
     return [

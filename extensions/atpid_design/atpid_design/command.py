@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 from pydantic_core import PydanticUndefined
@@ -18,7 +18,7 @@ from rich.table import Table
 import atpid_sim
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
-from atpid_common.files import FileError, read_text
+from atpid_common.files import Document, FileError, read_text
 from atpid_design.make import Design, design, steps_of
 from atpid_design.problem import RISING, DesignError, Problem, Uncertainty, problem_of, scene_of
 from atpid_sim.display import counting
@@ -27,36 +27,30 @@ from atpid_sim.scene.scene import explained
 from atpid_sim.scene.structure import Beam, FurtherMode
 from atpid_sim.scene.yaml12 import read_yaml
 
+#: Options that are fields of `Problem`, each with what stands for its value in the help.
+_OPTIONS = (
+    "mass KG, frequency HZ, damping RATIO, restitution E, young-modulus PA, density KG/M3, gravity G, "
+    "side-friction MU, slope RAD/M, max-mass-fraction SHARE, max-height M, target-reduction SHARE, "
+    "target-efficiency SHARE, lever M, motor-speed 1/MIN, yield-strength PA, amplitudes LO:HI, "
+    "excitation-frequency HZ|LO:HI"
+)
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
-#: Arguments of the example in the help.
 EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out out/design"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
-    parser.add_argument(
-        "--structure", type=file_path, metavar="FILE.yaml",
-        help="beam, further_modes and drive of a scene, or of what `atpid modes` writes, in place of --mass, "
-        "--frequency and --damping",
-    )  # fmt: skip
+    kinds: dict[str, Callable[[str], object]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
+    blocks = "beam, further_modes and drive of a scene, or of what `atpid modes` writes"
+    whole = f"{blocks}, in place of --mass, --frequency and --damping"
+    parser.add_argument("--structure", type=file_path, metavar="FILE.yaml", help=whole)
     parser.add_argument("--drive", choices=("support", "force"), help="what shakes the structure; default support")
-    for name, metavar, needed in (
-        ("mass", "KG", False), ("frequency", "HZ", False), ("damping", "RATIO", False),
-        ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
-        ("gravity", "G", False), ("side-friction", "MU", False), ("slope", "RAD/M", False),
-        ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
-        ("target-reduction", "SHARE", False), ("target-efficiency", "SHARE", False), ("lever", "M", False),
-        ("motor-speed", "1/MIN", False), ("yield-strength", "PA", False), ("amplitudes", "LO:HI", True),
-        ("excitation-frequency", "HZ|LO:HI", False),
-    ):  # fmt: skip
-        kind = kinds.get(name, number)
+    for name, metavar in map(str.split, _OPTIONS.split(", ")):
+        kind, needed = kinds.get(name, number), name == "amplitudes"
         parser.add_argument(f"--{name}", type=kind, metavar=metavar, required=needed, help=_help(name, needed))
-    uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
-    parser.add_argument(
-        "--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...",
-        help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
-    )  # fmt: skip
+    usual = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
+    off = f"how far a quantity may lie from its value to either side, relative, height in m; default: {usual}"
+    parser.add_argument("--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...", help=off)
     parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
 
 
@@ -76,24 +70,24 @@ def run(args: argparse.Namespace) -> int:
     from atpid_design.files import write
 
     written = write(made, args.out)
-    console = Console(width=max(Console().width, 120), highlight=False)
+    console = Console(width=max(Console().width, 120), highlight=False, markup=False)
     for shown in (_summary(made), _over_amplitudes(made)):
         console.print(shown)
     for line in made.warnings:
-        console.print(f"warning: {line}", markup=False, soft_wrap=True)
+        console.print(f"warning: {line}", soft_wrap=True)
     for path in written:
         print(path)
     return 0
 
 
-def _given(args: argparse.Namespace) -> dict[str, Any]:
+def _given(args: argparse.Namespace) -> Document:
     """Return the values of `Problem` that are given, by option or in the file of the structure."""
     given = {name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None}
     own = [f"--{name}" for name in ("mass", "frequency", "damping") if name in given]
     if args.structure is None:
         if len(own) < 3:
-            raise DesignError(f"structure: given {' '.join(own) or 'none'}; allowed: --structure FILE.yaml, or all of "
-                              "--mass --frequency --damping")  # fmt: skip
+            allowed = "--structure FILE.yaml, or all of --mass --frequency --damping"
+            raise DesignError(f"structure: given {' '.join(own) or 'none'}; allowed: {allowed}")
         return given
     if own or args.drive:
         named = " ".join([*own, *(["--drive"] if args.drive else [])])
@@ -130,22 +124,22 @@ def _summary(made: Design) -> Table:
     from atpid_design.picture import mass
 
     drive, (low, high) = made.motor, made.heights
+    closed = f"{2e3 * made.radius:.1f} mm"
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
-    table.add_row("grain", f"{mass(made.grain_mass)}, {100 * made.mass_fraction:.3g} % of beam and grain, "
-                  f"diameter {2e3 * made.radius:.1f} mm")  # fmt: skip
+    share = f"{100 * made.mass_fraction:.3g} % of beam and grain"
+    table.add_row("grain", f"{mass(made.grain_mass)}, {share}, diameter {closed}")
     table.add_row("structure", structure(made.problem))
-    table.add_row("excitation", f"{tone(made)}; the resonance moves from {made.problem.frequency:.2f} to "
-                  f"{made.resonance:.2f} Hz, damper closed")  # fmt: skip
-    table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed "
-                  f"{2e3 * made.radius:.1f} mm; an error of {1e3 * drive.height_error:.2g} mm costs "
-                  "2 points")  # fmt: skip
-    table.add_row("speed of the ceiling", f"{1e3 * drive.speed:.3g} mm/s, to follow in {drive.time_constant:.3g} s; "
-                  f"screw with {1e3 * drive.lead:g} mm lead, gear {drive.gear:.3g} at {drive.motor_speed:g} 1/min, "
-                  f"{drive.power:.2g} W")  # fmt: skip
-    table.add_row("largest forces", f"ceiling {drive.force:.4g} N, floor {drive.floor_force:.4g} N; "
-                  f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm")  # fmt: skip
-    table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average; "
-                  f"peak pressure {1e-6 * drive.pressure:.3g} MPa")  # fmt: skip
+    moves = f"the resonance moves from {made.problem.frequency:.2f} to {made.resonance:.2f} Hz, damper closed"
+    table.add_row("excitation", f"{tone(made)}; {moves}")
+    error = f"an error of {1e3 * drive.height_error:.2g} mm costs 2 points"
+    table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed {closed}; {error}")
+    speed = f"{1e3 * drive.speed:.3g} mm/s, to follow in {drive.time_constant:.3g} s"
+    screw = f"screw with {1e3 * drive.lead:g} mm lead, gear {drive.gear:.3g} at {drive.motor_speed:g} 1/min"
+    table.add_row("speed of the ceiling", f"{speed}; {screw}, {drive.power:.2g} W")
+    lever = f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm"
+    table.add_row("largest forces", f"ceiling {drive.force:.4g} N, floor {drive.floor_force:.4g} N; {lever}")
+    rate = f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average"
+    table.add_row("impacts on the ceiling", f"{rate}; peak pressure {1e-6 * drive.pressure:.3g} MPa")
     table.add_row("beside a tuned mass", verdict(made.tuned_mass.rows))
     table.add_row("comes back after", comes_back(made))
     table.add_row("time", f"{made.wall_s:.1f} s")
@@ -153,23 +147,17 @@ def _summary(made: Design) -> Table:
 
 
 def _over_amplitudes(made: Design) -> Table:
-    from atpid_design.page import acceleration, span
+    """Return the promise, a column an amplitude; beneath what is expected the least and the largest."""
+    from atpid_design.page import promise
 
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    scale, unit = made.problem.unit
-    for name in (f"{made.problem.drive}\n[{unit}]", "height\n[mm]", "structure\n(at most) [mm]", "\n[g]", "today\n[mm]",
-                 "reduction [%]\n(all cases)", "efficiency [%]\n(all cases)",
-                 "ceiling\nbears [N]", "floor\nbears [N]"):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in made.points:
-        beam = one.beam_amplitude
-        table.add_row(
-            f"{scale * one.amplitude:.3g}", f"{1e3 * one.height:.1f}",
-            f"{1e3 * beam.expected:.3g} ({1e3 * beam.high:.3g})",
-            f"{acceleration(one, beam.high):.2g}", f"{1e3 * one.bare_amplitude.expected:.3g}",
-            span(one.reduction, 100.0, ".0f"), span(one.efficiency, 100.0, ".0f"), f"{one.ceiling_force.high:.4g}",
-            f"{one.floor_force:.4g}",
-        )  # fmt: skip
+    heads, rows = list(promise(made)[0]), [list(row.values()) for row in promise(made)]
+    first, *lines = [
+        [head, *(cell if isinstance(cell, str) else "\n".join(cell) for cell in cells)]
+        for head, *cells in zip(heads, *rows, strict=True)
+    ]
+    table = Table(*first, box=SIMPLE_HEAD, pad_edge=False)
+    for line in lines:
+        table.add_row(*line)
     return table
 
 
@@ -186,7 +174,7 @@ class Blocks(SceneBlock):
     drive: Literal["support", "force"] = Field(default="support", description="what shakes it")
 
 
-def structure_in(path: Path) -> dict[str, Any]:
+def structure_in(path: Path) -> Document:
     """Return the structure in a YAML file by the names of `Problem`. Raises DesignError and SceneError in one line."""
     try:
         given = Blocks.model_validate(read_yaml(read_text(path, _LARGEST), str(path)))
@@ -194,12 +182,10 @@ def structure_in(path: Path) -> dict[str, Any]:
         raise DesignError(f"--structure: {error}") from None
     except ValidationError as error:
         raise DesignError(f"--structure: {path}: {explained(error.errors(include_url=False), Blocks)}") from None
-    beam = given.beam
+    beam, others = given.beam, {"further_modes": given.further_modes, "drive": given.drive}
     omega = math.sqrt(beam.stiffness / beam.mass)
-    return {
-        "mass": beam.mass, "frequency": omega / (2.0 * math.pi), "damping": beam.damping / (2.0 * beam.mass * omega),
-        "further_modes": given.further_modes, "drive": given.drive,
-    }  # fmt: skip
+    frequency, damping = omega / (2.0 * math.pi), beam.damping / (2.0 * beam.mass * omega)
+    return {"mass": beam.mass, "frequency": frequency, "damping": damping, **others}
 
 
 #: A kick [m/s].
@@ -213,8 +199,10 @@ def comes_back(made: Design) -> str:
     """
     if not hasattr(atpid_sim, "kicked"):
         return "not tried: comes with the package atpid_dynamics, which is not installed: `make setup`"
-    scenes = [scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency)
-              for one in made.points]  # fmt: skip
+    scenes = [
+        scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency)
+        for one in made.points
+    ]
     found = [atpid_sim.kicked(scene, KICK) for scene in scenes]
     come = [one for one in found if one.starts]
     none = f"no steady motion at {len(found) - len(come)} of {len(found)} amplitudes" if len(come) < len(found) else ""

@@ -5,11 +5,11 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from atpid_common import output
+from atpid_common.files import Document
 from atpid_common.vocabulary import DRIVES
 from atpid_design.make import Design
 from atpid_design.page import page
@@ -78,7 +78,7 @@ def _percent(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f}"
 
 
-def scene_mapping(made: Design) -> dict[str, Any]:
+def scene_mapping(made: Design) -> Document:
     """Return the blocks of the scene to start from."""
     problem, diameter = made.problem, 2.0 * made.radius
     low, high = problem.amplitudes

@@ -46,9 +46,8 @@ def forces(one: Case, amplitude: float, height: float) -> Forces:
     begin = (damper.settling() + 16.0) * damper.period
     end = begin + _PERIODS * damper.period
     speed = 2.0 * math.pi * damper.frequency * damper.closed_amplitude(true)
-    step = max(
-        contact_time(damper.system, float(one.contact.parameters[0]), speed) / _IN_CONTACT, (end - begin) / _MOST
-    )
+    lasts = contact_time(damper.system, float(one.contact.parameters[0]), speed)
+    step = max(lasts / _IN_CONTACT, (end - begin) / _MOST)
     samples, log = sample_series(int((end - begin) / step)), impact_log(_LOG)
     state = damper.closed_state(true)
     path = at_once(damper, one.height(height), 0.0)

@@ -13,9 +13,9 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.robust import Response, lowest_best
 
 #: Mass fractions tried, up to the largest allowed and that itself [-].
-FRACTIONS = (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+_FRACTIONS = (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 #: Without a target the smallest grain is taken that keeps an efficiency this close to that of the best [-].
-AS_GOOD = 0.03
+_AS_GOOD = 0.03
 
 _NONE = Interval(0.0, 0.0, 0.0)
 
@@ -63,14 +63,13 @@ class Candidate:
 
 def meets(problem: Problem, efficiency: float, reduction: float) -> bool:
     """Whether a least efficiency and a least reduction [-] keep the targets that are given."""
-    return efficiency >= (problem.target_efficiency or -math.inf) and reduction >= (
-        problem.target_reduction or -math.inf
-    )
+    least = problem.target_efficiency or -math.inf, problem.target_reduction or -math.inf
+    return efficiency >= least[0] and reduction >= least[1]
 
 
 def fractions(problem: Problem) -> list[float]:
     """Return the mass fractions that are tried, rising."""
-    return [*(f for f in FRACTIONS if f < problem.max_mass_fraction), problem.max_mass_fraction]
+    return [*(f for f in _FRACTIONS if f < problem.max_mass_fraction), problem.max_mass_fraction]
 
 
 def trial(structures: Structures, amplitude: float) -> Trial:
@@ -119,7 +118,7 @@ def preferred(problem: Problem, candidates: Sequence[Candidate]) -> list[Candida
     """Return the grains in the order in which they are to be taken.
 
     With a target: the smallest that keeps it, then the heavier ones; last the one that keeps most. Without one: the
-    smallest that keeps as much as the best, to `AS_GOOD`. Raises NumericalFailure where none can be computed.
+    smallest that keeps as much as the best, to `_AS_GOOD`. Raises NumericalFailure where none can be computed.
     """
     sound = [one for one in candidates if not one.failure]
     if not sound:
@@ -129,6 +128,6 @@ def preferred(problem: Problem, candidates: Sequence[Candidate]) -> list[Candida
         )
     best = max(sound, key=lambda one: one.kept(problem))
     if problem.target_efficiency is None and problem.target_reduction is None:
-        return [next(one for one in sound if one.kept(problem) >= best.kept(problem) - AS_GOOD)]
+        return [next(one for one in sound if one.kept(problem) >= best.kept(problem) - _AS_GOOD)]
     kept = [one for one in sound if one.meets(problem)]
     return [*(one for one in kept if one is not best), best]

@@ -25,9 +25,7 @@ _HARSH, _FAST, _STRESS = 20.0, 3.0, 70.0
 _HEAVY = 0.5
 
 
-def warnings_of(
-    problem: Problem, fraction: float, points: Sequence[Point], drive: Motor, found: Check
-) -> list[str]:  # fmt: skip
+def warnings_of(problem: Problem, fraction: float, points: Sequence[Point], drive: Motor, found: Check) -> list[str]:
     """Return one line for each limit that the design meets."""
     last = points[-1]
     # the design's own scene has sensors and windows that fit; what its contact is said not to be is said by option

@@ -6,11 +6,13 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass, is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
+from atpid_common.files import Document
 from atpid_common.output import finite
 from atpid_design import grain_choice
 from atpid_design.check import Check, drawn, widened
@@ -34,6 +36,8 @@ _BELOW, _ABOVE = 0.25, 1.1
 _LANDSCAPE, _FROM, _TO = 30, 0.45, 1.35
 #: Grains tried in turn until the promise meets the target; the last is the one that keeps most.
 _TRIES = 3
+S = TypeVar("S")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -94,37 +98,30 @@ class Design:
             return float(p.amplitudes[1] * abs(phasors(modes.free, p.frequency).sum()))
         return bare_amplitude(1.0, 1.0, 2.0 * p.damping, p.amplitudes[1], 1.0 / (2.0 * math.pi))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return plain numbers and text by the names of the fields, SI; not finite: None."""
-        plain = asdict(self)
-        plain["problem"] = self.problem.model_dump()
-        plain["points"] = [_named(one) for one in self.points]
-        plain["beyond"] = [_named(one) for one in self.beyond]
-        for one, own in zip(plain["candidates"], self.candidates, strict=True):
-            one |= {name: getattr(own, name)._asdict() for name in ("efficiency", "reduction")}
-        plain["tuned_mass"] |= {
-            name: [row._asdict() for row in getattr(self.tuned_mass, name)] for name in ("rows", "over_frequency")
-        }
-        landscape = plain["landscape"]
-        plain["landscape"] = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in landscape.items()}
-        plain["efficiency"] = dict(zip(("low", "high"), self.efficiency, strict=True))
-        plain["reduction"] = dict(zip(("low", "high"), self.reduction, strict=True))
-        for name in ("frequencies", "bare_resonance_amplitude"):
+        plain: Document = _plain(self)
+        for one in (*plain["points"], *plain["beyond"]):
+            omega = 2.0 * math.pi * one["frequency"]
+            one["beam_acceleration"] = {name: omega**2 * value for name, value in one["beam_amplitude"].items()}
+        for name in ("efficiency", "reduction"):
+            plain[name] = dict(zip(("low", "high"), getattr(self, name), strict=True))
+        for name in ("frequencies", "bare_resonance_amplitude", "heights"):
             plain[name] = getattr(self, name)
-        plain["heights"] = self.heights
-        shown: dict[str, Any] = finite(plain)
+        shown: Document = finite(plain)
         return shown
 
 
-def _named(one: Point) -> dict[str, Any]:
-    plain = {k: v._asdict() if hasattr(v, "_asdict") else v for k, v in vars(one).items()}
-    omega = 2.0 * math.pi * one.frequency
-    return plain | {
-        "beam_acceleration": {
-            name: omega**2 * value for name, value in one.beam_amplitude._asdict().items()
-        },  # [m/s^2]
-        "over_frequency": [tone._asdict() for tone in one.over_frequency],
-    }
+def _plain(value: Any) -> Any:
+    """Return dataclasses, models and tuples with names as dicts of their fields, arrays as lists."""
+    if isinstance(value, BaseModel):
+        return value.model_dump()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    named = value._asdict() if hasattr(value, "_asdict") else vars(value) if is_dataclass(value) else None
+    if named is not None:
+        return {name: _plain(one) for name, one in named.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def steps_of(problem: Problem) -> int:
@@ -202,8 +199,8 @@ def _candidates(problem: Problem, count: Callable[[], None]) -> list[Candidate]:
     for job, found in on_all_cores(lambda job: grain_choice.trial(structures[job[0]], job[1]), jobs):
         trials[job] = found
         count()
-    return [grain_choice.candidate(problem, [trials[fraction, amplitude] for amplitude in amplitudes])
-            for fraction in structures]  # fmt: skip
+    rows = ([trials[fraction, amplitude] for amplitude in amplitudes] for fraction in structures)
+    return [grain_choice.candidate(problem, row) for row in rows]
 
 
 def promised(
@@ -234,7 +231,7 @@ def _beyond(structures: Structures, count: Callable[[], None]) -> list[Point]:
     return [one for one in _in_order(found, [_BELOW * low, _ABOVE * high], count) if one is not None]
 
 
-def _in_order(work: Callable[[Any], Any], jobs: Sequence[Any], count: Callable[[], None]) -> list[Any]:
+def _in_order(work: Callable[[S], T], jobs: Sequence[S], count: Callable[[], None]) -> list[T]:
     """Return the results in the order of the jobs, computed on all cores."""
     results = {}
     for job, result in on_all_cores(work, jobs):
@@ -255,5 +252,5 @@ def _landscape(structures: Structures, middle: Point, count: Callable[[], None])
         except NumericalFailure:
             return [math.nan] * len(every)
 
-    rows = np.array(_in_order(left, heights, count))
+    rows: Array = np.array(_in_order(left, heights, count))
     return Landscape(middle.amplitude, np.array(heights), rows[:, 0], rows[:, 1:])

@@ -2,13 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a design: eight panels from the choice of the grain to a tuned mass of the same weight."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from atpid_design.make import Design
+from atpid_design.worst_case import Interval
 from atpid_sim.figure_style import LIGHT, Panels, logarithmic
+from atpid_sim.system import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def panels(made: Design) -> Panels:
@@ -23,11 +31,9 @@ def mass(value: float) -> str:
     return f"{value:.3g} kg" if value >= 1.0 else f"{1e3 * value:.3g} g"
 
 
-def _title(axes: Any, text: str, x: str, y: str) -> None:
-    axes.set(title=text, xlabel=x, ylabel=y)
-
-
-def _band(axes: Any, x: Any, intervals: Any, scale: float, name: str, band: str = "all cases") -> None:
+def _band(
+    axes: Axes, x: Array, intervals: Sequence[Interval], scale: float, name: str, band: str = "all cases"
+) -> None:
     expected, low, high = scale * np.array(intervals).T
     axes.fill_between(x, low, high, color=LIGHT.soft, lw=0.0, label=band)
     axes.plot(x, low, color=LIGHT.own, lw=0.8)
@@ -35,7 +41,7 @@ def _band(axes: Any, x: Any, intervals: Any, scale: float, name: str, band: str 
     axes.plot(x, expected, "o-", color=LIGHT.own, ms=4.0, lw=1.8, label=name)
 
 
-def _levels(made: Design) -> Any:
+def _levels(made: Design) -> Array:
     return np.array([made.problem.unit[0] * one.amplitude for one in made.points])
 
 
@@ -43,7 +49,7 @@ def _level_name(made: Design) -> str:
     return f"{made.problem.drive} amplitude [{made.problem.unit[1]}]"
 
 
-def _grains(axes: Any, made: Design) -> None:
+def _grains(axes: Axes, made: Design) -> None:
     sound = [one for one in made.candidates if not one.failure]
     x = np.array([1e3 * one.grain_mass for one in sound])
     aim = made.problem.aim
@@ -56,42 +62,42 @@ def _grains(axes: Any, made: Design) -> None:
     target = getattr(made.problem, f"target_{aim}")
     if target is not None:
         axes.axhline(100.0 * target, color=LIGHT.accent, ls="--", lw=1.0, label="target")
-    _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", f"{aim} [%]")
+    axes.set(title="The grain: what each mass keeps", xlabel=f"mass of the grain [{unit}]", ylabel=f"{aim} [%]")
     axes.set_ylim(min(low.min(), 100.0 * getattr(made, aim)[0], 0.0) - 3.0, 100.0)
     axes.set_xlim(0.0, None)
 
 
-def _efficiency(axes: Any, made: Design) -> None:
+def _efficiency(axes: Axes, made: Design) -> None:
     _band(axes, _levels(made), [p.efficiency for p in made.points], 100.0, "expected")
     bare = [100.0 * p.best_efficiency for p in made.points]
     axes.plot(_levels(made), bare, color=LIGHT.given, lw=1.2, ls="--", label="bare optimum")
-    _title(axes, "Efficiency: against the closed damper", _level_name(made), "efficiency [%]")
+    axes.set(title="Efficiency: against the closed damper", xlabel=_level_name(made), ylabel="efficiency [%]")
     _from_zero(axes)
 
 
-def _reduction(axes: Any, made: Design) -> None:
+def _reduction(axes: Axes, made: Design) -> None:
     _band(axes, _levels(made), [p.reduction for p in made.points], 100.0, "expected")
     axes.axhline(0.0, color=LIGHT.accent, lw=1.2, label="as without the damper; below: worse")
-    _title(axes, "Reduction: against the structure of today", _level_name(made), "reduction [%]")
+    axes.set(title="Reduction: against the structure of today", xlabel=_level_name(made), ylabel="reduction [%]")
     _from_zero(axes)
 
 
-def _from_zero(axes: Any) -> None:
+def _from_zero(axes: Axes) -> None:
     """Let an axis in per cent include 0 and 100."""
     axes.set_ylim(min(axes.get_ylim()[0], 0.0), 102.0)
 
 
-def _heights(axes: Any, made: Design) -> None:
+def _heights(axes: Axes, made: Design) -> None:
     x = _levels(made)
     best = [1e3 * p.best_height for p in made.points]
     axes.plot(x, best, color=LIGHT.given, lw=1.2, ls="--", label="bare optimum")
     axes.plot(x, [1e3 * p.height for p in made.points], "o-", color=LIGHT.own, ms=4.0, lw=1.8, label="design")
     axes.axhline(2e3 * made.radius, color=LIGHT.given, lw=1.2, label="closed: the grain's diameter")
-    _title(axes, "Height of the ceiling", _level_name(made), "mm")
+    axes.set(title="Height of the ceiling", xlabel=_level_name(made), ylabel="mm")
     axes.set_ylim(0.0, None)
 
 
-def _cliff(axes: Any, made: Design) -> None:
+def _cliff(axes: Axes, made: Design) -> None:
     found = made.landscape
     heights = 1e3 * found.heights
     axes.plot(heights, 100.0 * found.cases, color=LIGHT.given, lw=0.7)
@@ -100,81 +106,70 @@ def _cliff(axes: Any, made: Design) -> None:
     (point,) = [one for one in made.points if one.amplitude == found.amplitude]
     axes.axvline(1e3 * point.height, color=LIGHT.accent, lw=1.2, label=f"design: {1e3 * point.height:.1f} mm")
     title = f"Amplitude over the height, at a {made.problem.drive} of {made.problem.level(found.amplitude)}"
-    _title(axes, title, "height of the ceiling [mm]", "% of the closed damper's")
+    axes.set(title=title, xlabel="height of the ceiling [mm]", ylabel="% of the closed damper's")
     axes.set_ylim(0.0, min(100.0, 125.0 * float(np.nanmax(found.cases))))
 
 
-def _beam(axes: Any, made: Design) -> None:
+def _beam(axes: Axes, made: Design) -> None:
     x = _levels(made)
-    axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=LIGHT.given_text, lw=1.4,
-              label="damper closed")  # fmt: skip
-    axes.plot(x, [1e3 * p.bare_amplitude.expected for p in made.points], color=LIGHT.accent, lw=1.4,
-              label="today, without the damper")  # fmt: skip
+    axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=LIGHT.given_text, lw=1.4, label="damper closed")
+    bare = [1e3 * p.bare_amplitude.expected for p in made.points]
+    axes.plot(x, bare, color=LIGHT.accent, lw=1.4, label="today, without the damper")
     _band(axes, x, [p.beam_amplitude for p in made.points], 1e3, "with the damper")
-    _title(axes, "Amplitude of the structure", _level_name(made), "mm, logarithmic")
+    axes.set(title="Amplitude of the structure", xlabel=_level_name(made), ylabel="mm, logarithmic")
     logarithmic(axes)
 
 
-def _force(axes: Any, made: Design) -> None:
+def _force(axes: Axes, made: Design) -> None:
     _band(axes, _levels(made), [p.ceiling_force for p in made.points], 1.0, "expected", "corners")
     axes.axhline(made.motor.force, color=LIGHT.accent, lw=1.2, label=f"the ceiling bears {made.motor.force:.4g} N")
-    _title(axes, "Largest contact force on the ceiling", _level_name(made), "N")
+    axes.set(title="Largest contact force on the ceiling", xlabel=_level_name(made), ylabel="N")
     axes.set_ylim(0.0, None)
 
 
-def _tuned_mass(axes: Any, made: Design) -> None:
+def _tuned_mass(axes: Axes, made: Design) -> None:
     rows = made.tuned_mass.over_frequency
     x = [one.frequency for one in rows]
-    for name, colour, style_, words in (
-        ("bare", LIGHT.accent, "-", "today, without a damper"), ("closed", LIGHT.given_text, "-", "damper closed"),
-        ("damper", LIGHT.own, "-", "this damper, height held"), ("tuned", LIGHT.ink, "--", "tuned mass"),
-    ):  # fmt: skip
-        axes.plot(x, [1e3 * getattr(one, name) for one in rows], color=colour, ls=style_, lw=1.6, label=words)
+    for name, colour, words in (
+        ("bare", LIGHT.accent, "today, without a damper"),
+        ("closed", LIGHT.given_text, "damper closed"),
+        ("damper", LIGHT.own, "this damper, height held"),
+        ("tuned", LIGHT.ink, "tuned mass"),
+    ):
+        dashes = "--" if name == "tuned" else "-"
+        axes.plot(x, [1e3 * getattr(one, name) for one in rows], color=colour, ls=dashes, lw=1.6, label=words)
     for at in dict.fromkeys(made.frequencies):
         axes.axvline(at, color=LIGHT.given, lw=0.8)
     title = f"Beside a tuned mass, at a {made.problem.drive} of {made.problem.level(rows[0].amplitude)}"
-    _title(axes, title, "frequency of the excitation [Hz]", "mm, logarithmic")
+    axes.set(title=title, xlabel="frequency of the excitation [Hz]", ylabel="mm, logarithmic")
     logarithmic(axes)
 
 
-#: Width of the drawing and of the part that is to scale, room above and below.
+#: Width of the drawing and height of the part that is to scale, and the room above and below.
 _WIDE, _TALL, _MARGIN = 520.0, 220.0, 34.0
 
 
-def sketch(made: Design) -> str:
-    """Return the drawing; lengths are those of the design in millimetres, widths are free."""
-    low, high = made.heights
-    diameter = 2.0 * made.radius
-    scale = _TALL / high
-    left, right, floor = 126.0, 126.0 + max(1.6 * diameter * scale, 60.0), _MARGIN + _TALL
-    middle = 0.5 * (left + right)
-    heights = (("closed", diameter), ("lowest", low), ("highest", high))
-    lines = [
-        f'<path d="M{left - 8:.0f} {floor:.1f}H{right + 8:.0f}M{left:.0f} {floor:.1f}V{_MARGIN - 12:.0f}'
-        f'M{right:.0f} {floor:.1f}V{_MARGIN - 12:.0f}" class="wall"/>',
-        f'<circle cx="{middle:.1f}" cy="{floor - 0.5 * diameter * scale:.1f}" r="{0.5 * diameter * scale:.1f}"/>',
-        _text(middle, floor + 24.0, f"floor; grain of {1e3 * diameter:.1f} mm diameter", "middle"),
-    ]
-    place, last = right + 22.0, floor + 20.0
-    for number, (name, height) in enumerate(heights):
+def sketch(made: Design) -> dict[str, object]:
+    """Return the places of the page's drawing; lengths are those of the design in millimetres, widths are free."""
+    (low, high), diameter = made.heights, 2.0 * made.radius
+    scale, left, floor = _TALL / high, 126.0, _MARGIN + _TALL
+    right = left + max(1.6 * diameter * scale, 60.0)
+    ceilings, last = [], floor + 20.0
+    for number, (name, height) in enumerate((("closed", diameter), ("lowest", low), ("highest", high))):
         level = floor - height * scale
-        at = min(level, last - 20.0)
-        last, x = at, place + 16.0 * number
-        lines.append(f'<path d="M{left:.0f} {level:.1f}H{right:.0f}" class="ceiling {name}"/>')
-        lines.append(f'<path d="M{right:.0f} {level:.1f}H{x + 5:.1f}M{x:.1f} {floor:.1f}V{level:.1f}" class="size"/>')
-        lines.append(_text(place + 44.0, at + 6.0, f"{1e3 * height:.1f} mm, {name}", "start"))
+        last = min(level, last - 20.0)  # of the words, which do not overlap
+        words = f"{1e3 * height:.1f} mm, {name}"
+        ceilings.append({"name": name, "level": level, "x": right + 22.0 + 16.0 * number, "at": last, "words": words})
     travel = ("travel", f"{1e3 * (high - low):.1f} mm", "from closed", f"{1e3 * (high - diameter):.1f} mm")
-    top = floor - 0.5 * (low + high) * scale
-    lines += [_text(left - 12.0, top + 21.0 * row, words, "end") for row, words in enumerate(travel)]
-    tall, wide = floor + _MARGIN, max(_WIDE, place + 210.0)
-    return (
-        f'<svg viewBox="0 0 {wide:.0f} {tall:.0f}" role="img" aria-label="The container with its dimensions"'
-        ' class="sketch"><style>.sketch{max-width:560px;width:100%;font:18px var(--sans)}.sketch text{fill:var(--ink)}'
-        ".sketch path{fill:none;stroke:var(--muted)}.sketch .wall{stroke:var(--ink);stroke-width:2.5}"
-        ".sketch .ceiling{stroke:var(--own);stroke-width:3}.sketch .closed{stroke-dasharray:4 4}"
-        f".sketch circle{{fill:var(--soft);stroke:var(--own)}}</style>{''.join(lines)}</svg>"
-    )
-
-
-def _text(x: float, y: float, words: str, anchor: str) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
+    return {
+        "left": left,
+        "right": right,
+        "floor": floor,
+        "top": _MARGIN - 12.0,
+        "radius": 0.5 * diameter * scale,
+        "ceilings": ceilings,
+        "travel": travel,
+        "middle": floor - 0.5 * (low + high) * scale,
+        "wide": max(_WIDE, right + 232.0),
+        "tall": floor + _MARGIN,
+    }

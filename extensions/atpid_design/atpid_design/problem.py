@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.fields import Fraction, Hertz, Mass, Modulus, Number, SceneBlock, Words, impossible, within
 from atpid_sim.kernel_inputs import Contact, contact_of
@@ -48,8 +49,8 @@ _APART, _MOST_FREQUENCIES = 0.03, 6
 _LOWEST, _HIGHEST = 0.5, 2.0
 
 Share = Annotated[Number, within(0.0, 0.5, hint="a share: 10 % is 0.1")]
-DriveAmplitude = Annotated[Number, within(1e-6, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
-BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
+_DriveAmplitude = Annotated[Number, within(1e-6, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
+_BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
 Target = Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None
 
 
@@ -89,6 +90,10 @@ class Deviation(NamedTuple):
 
 
 NOMINAL = Deviation()
+#: Amplitude of the support [m], or points of it (t [s], amplitude).
+Level = float | list[list[float]]
+#: Frequency of the excitation [Hz]; None: the structure's resonance with the damper closed.
+Tone = float | None
 
 
 class Problem(SceneBlock):
@@ -99,7 +104,7 @@ class Problem(SceneBlock):
     damping: Annotated[Number, within(5e-4, 0.2, hint="a ratio: 0.8 % is 0.008")] = Field(
         description="damping ratio of the beam alone [-]"
     )
-    amplitudes: tuple[DriveAmplitude, DriveAmplitude] = Field(
+    amplitudes: tuple[_DriveAmplitude, _DriveAmplitude] = Field(
         description="least and largest amplitude of the support [m], or of the force [N]"
     )
     drive: Literal["support", "force"] = Field(
@@ -124,20 +129,20 @@ class Problem(SceneBlock):
         description="friction coefficient of the grain on a side wall, where gravity is not along the motion [-]",
     )
     slope: Annotated[Number, within(0.0, 1e6)] = Field(
-        default=0.0, description="rotation of the container over its displacement, of a cantilever 1.5 over the length "
-        "[rad/m]",
-    )  # fmt: skip
+        default=0.0,
+        description="rotation of the container over its displacement, of a cantilever 1.5 over the length [rad/m]",
+    )
     max_mass_fraction: Annotated[Fraction, within(0.01, 0.6)] = Field(
         default=0.3, description="largest grain mass over the mass of beam and grain [-]"
     )
-    max_height: BuiltLength = Field(default=3.0, description="largest height of the ceiling [m]")
+    max_height: _BuiltLength = Field(default=3.0, description="largest height of the ceiling [m]")
     target_efficiency: Target = Field(
         default=None, description="least efficiency, against the closed damper, at every amplitude [-]"
     )
     target_reduction: Target = Field(
         default=None, description="least reduction, against the structure without the damper, at every amplitude [-]"
     )
-    lever: BuiltLength = Field(default=0.01, description="lever arm of the motor's drive [m]")
+    lever: _BuiltLength = Field(default=0.01, description="lever arm of the motor's drive [m]")
     motor_speed: Annotated[Number, within(1.0, 1e5)] = Field(default=3000.0, description="of the motor [1/min]")
     yield_strength: Modulus | None = Field(default=None, description="of the softer of grain and walls [Pa]")
     uncertainty: Uncertainty = Uncertainty()
@@ -152,9 +157,10 @@ class Problem(SceneBlock):
             if not least <= low <= high <= most:
                 given = Words(f"{low:g}:{high:g}" if low != high else f"{low:g}")
                 raise impossible(
-                    "excitation_frequency", given,
+                    "excitation_frequency",
+                    given,
                     f"HZ, or LO:HI with LO below HI, from {least:g} to {most:g} Hz, half to twice --frequency",
-                )  # fmt: skip
+                )
         return self
 
     @property
@@ -184,7 +190,7 @@ class Problem(SceneBlock):
         return "efficiency" if own else "reduction"
 
     @property
-    def frequencies(self) -> list[float | None]:
+    def frequencies(self) -> list[Tone]:
         """Frequencies of the excitation to design for [Hz]; None: the resonance of each structure, damper closed."""
         if self.excitation_frequency is None:
             return [None]
@@ -195,10 +201,10 @@ class Problem(SceneBlock):
         return [low, *map(float, np.geomspace(low, high, count)[1:-1]), high]
 
 
-def problem_of(**given: Any) -> Problem:
+def problem_of(**given: object) -> Problem:
     """Return the problem of the options given. Raises DesignError in one line, which names the option."""
     try:
-        return Problem(**given)
+        return Problem.model_validate(given)
     except ValidationError as error:
         key, _, rest = explained(error.errors(include_url=False)).partition(":")
         raise DesignError(f"--{key.replace('_', '-').replace('.', ' ')}:{rest}") from None
@@ -216,19 +222,13 @@ def grain_radius(problem: Problem, fraction: float) -> float:
     return round(math.ceil(radius / _RADIUS_STEP) * _RADIUS_STEP, 6)
 
 
-def contact_damping_ratio(restitution: float, fraction: float) -> float:
-    """Return beta of Tsuji's law (Eq. 3.23) for a restitution between grain and container.
-
-    fraction: of the grain in its mass and the container's [-], which of several modes is what an impulse meets. The
-    law's own damping ratio is c / sqrt(5 k m) with the reduced mass m = m_g (1 - fraction) and c = 2 beta
-    sqrt(k m_g); the restitution follows from it alone (`atpid_sim.contact.tsuji.restitution`).
-    """
-    return float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - fraction)))
-
-
 def mapping_of(
-    problem: Problem, fraction: float, amplitude: Any, off: Deviation = NOMINAL, frequency: float | None = None
-) -> dict[str, Any]:
+    problem: Problem,
+    fraction: float,
+    amplitude: float | list[list[float]],
+    off: Deviation = NOMINAL,
+    frequency: float | None = None,
+) -> Document:
     """Return the blocks of a scene that describe the system with a grain of a mass fraction [-], off by a deviation.
 
     amplitude: of the support [m], or points of it; frequency: of the excitation [Hz], None: the structure's resonance.
@@ -241,14 +241,18 @@ def mapping_of(
     restitution = min(max(restitution, _LEAST_RESTITUTION), _MOST_RESTITUTION)
     further = _further(problem, off)
     container = weight / (weight + 1.0 / sum(1.0 / each for each in (mass, *(one["mass"] for one in further))))
-    mapping: dict[str, Any] = {
+    # beta of Tsuji's law (Eq. 3.23), whose own damping ratio, from which alone the restitution follows, is
+    # c / sqrt(5 k m) with the reduced mass m = m_g (1 - met) and c = 2 beta sqrt(k m_g)
+    met = container if further else share  # of the grain in its mass and what an impulse meets
+    beta = float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - met)))
+    mapping: Document = {
         "beam": {"mass": mass, "frequency": natural, "damping_ratio": problem.damping * (1.0 + off.damping)},
         "grain": {"mass_fraction": share, "radius": grain_radius(problem, fraction)},
         "contact": {
             "law": "tsuji",
             "young_modulus": problem.young_modulus * (1.0 + off.young_modulus),
             "poisson_ratio": POISSON,
-            "damping_ratio": contact_damping_ratio(restitution, container if further else share),
+            "damping_ratio": beta,
         },
         "excitation": {"amplitude": amplitude, "frequency": "resonance"},
         "gravity": problem.gravity,
@@ -269,25 +273,21 @@ def _further(problem: Problem, off: Deviation) -> list[dict[str, float]]:
     offs = off.further or ((0.0, 0.0, 0.0),) * len(problem.further_modes)
     for mode, (mass, frequency, damping) in zip(problem.further_modes, offs, strict=True):
         heavier, faster = 1.0 + mass, 1.0 + frequency
-        found.append({
-            "mass": heavier * mode.mass,
-            "stiffness": heavier * faster**2 * mode.stiffness,
-            "damping": heavier * faster * (1.0 + damping) * mode.damping,
-            "drive_factor": mode.drive_factor,
-        })  # fmt: skip
+        own = {"mass": heavier * mode.mass, "stiffness": heavier * faster**2 * mode.stiffness}
+        own["damping"] = heavier * faster * (1.0 + damping) * mode.damping
+        found.append(own | {"drive_factor": mode.drive_factor})
     return found
 
 
-def _standing(mapping: dict[str, Any]) -> Scene:
+def _standing(mapping: Document) -> Scene:
     """Return the scene of a system's blocks with the damper closed."""
     run = {"ceiling": {"height": 2.0 * mapping["grain"]["radius"]}, "duration": 1.0}
     return scene_from_mapping(mapping | run, source="design")
 
 
 def scene_of(
-    problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL,
-    frequency: float | None = None,
-) -> Scene:  # fmt: skip
+    problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL, frequency: Tone = None
+) -> Scene:
     """Return the scene of a structure off by a deviation, support amplitude and ceiling [m] off as well.
 
     It lasts until the closed damper's transient is over. Raises SceneError for an invalid value.
@@ -350,7 +350,7 @@ def deviation(problem: Problem, point: Array) -> Deviation:
 
 
 def case(
-    problem: Problem, fraction: float, off: Deviation = NOMINAL, rtol: float = RTOL, frequency: float | None = None
+    problem: Problem, fraction: float, off: Deviation = NOMINAL, rtol: float = RTOL, frequency: Tone = None
 ) -> Case:
     """Return the case of a deviation with a grain of a mass fraction [-]; frequency: as in `mapping_of`."""
     scene = scene_of(problem, fraction, problem.amplitudes[1], problem.max_height, off, frequency)
@@ -358,7 +358,7 @@ def case(
 
 
 def cases(
-    problem: Problem, fraction: float, points: Array, frequencies: Sequence[float | None] | None = None
+    problem: Problem, fraction: float, points: Array, frequencies: Sequence[Tone] | None = None
 ) -> Iterator[Case]:
     """Yield the case of each point (n, quantities) of the box, at n frequencies or the first of the excitation [Hz]."""
     at = frequencies or [problem.frequencies[0]] * len(points)
@@ -368,7 +368,7 @@ def cases(
     )
 
 
-def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[float | None]:
+def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[Tone]:
     """Return so many frequencies drawn evenly from the range of the excitation [Hz]."""
     if problem.excitation_frequency is None:
         return [None] * count

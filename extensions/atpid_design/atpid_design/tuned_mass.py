@@ -18,6 +18,7 @@ damper stay, and the ceiling keeps the designed height of the support's amplitud
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.system import Array
 
 #: Frequency ratios among which a peak is looked for where no band is given; how far apart, and how many at least.
-ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
+_ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
 #: In place of no resistance, at the resonance of a mode without damping: the quotient of two infinities is then right.
 _NONE = 1e-30
 #: Least damping of a tuned mass, as defined below: a spring and its guide have that of themselves [-].
@@ -72,18 +73,13 @@ class TunedBeam:
         r = np.asarray(ratio, dtype=float)
         return np.asarray(np.abs(self._beam(r) * r * r / (self._spring(r) - r * r)))
 
-    def peak(self, band: tuple[float, float] = ANY_FREQUENCY) -> float:
+    def peak(self, band: tuple[float, float] = _ANY_FREQUENCY) -> float:
         """Return the largest amplitude of the beam over the support's in a band of frequency ratios [-]."""
         ratios = np.linspace(*band, max(1 + round((band[1] - band[0]) / _APART), _FEWEST))
         values = self.beam(ratios)
         tops = 1 + np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]))
-        refined = (
-            minimize_scalar(
-                lambda r: -float(self.beam(r)), bounds=(ratios[k - 1], ratios[k + 1]), method="bounded",
-                options={"xatol": 1e-10},
-            ).fun
-            for k in tops
-        )  # fmt: skip
+        refine = partial(minimize_scalar, lambda r: -float(self.beam(r)), method="bounded", options={"xatol": 1e-10})
+        refined = (refine(bounds=(ratios[k - 1], ratios[k + 1])).fun for k in tops)
         return float(max([*(-value for value in refined), values[0], values[-1]]))
 
     def _spring(self, r: Array) -> Array:
@@ -116,11 +112,11 @@ def den_hartog(mass_ratio: float) -> Tuning:
 
 
 def optimised(
-    mass_ratio: float, damping_ratio: float, band: tuple[float, float] = ANY_FREQUENCY, modes: ModeSet | None = None
+    mass_ratio: float, damping_ratio: float, band: tuple[float, float] = _ANY_FREQUENCY, modes: ModeSet | None = None
 ) -> Tuning:
     """Return the tuning whose largest amplitude in a band of frequency ratios is least, the beam's damping included."""
     starts = [den_hartog(mass_ratio)]
-    if band != ANY_FREQUENCY:
+    if band != _ANY_FREQUENCY:
         starts.append(Tuning(0.5 * (band[0] + band[1]), 0.02))
 
     def tuning(x: Array) -> Tuning:
@@ -129,19 +125,12 @@ def optimised(
     def peak(x: Array) -> float:
         return TunedBeam(mass_ratio, damping_ratio, tuning(x), modes).peak(band)
 
-    found = [
-        minimize(
-            peak, [start.frequency, start.damping], method="Nelder-Mead",
-            options={"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": _around(start)},
-        )
-        for start in starts
-    ]  # fmt: skip
+    found = []
+    for start in starts:
+        f, z = start.frequency, start.damping
+        options = {"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": np.array([[f, z], [1.01 * f, z], [f, 1.1 * z]])}
+        found.append(minimize(peak, [f, z], method="Nelder-Mead", options=options))
     return tuning(min(found, key=lambda one: float(one.fun)).x)
-
-
-def _around(start: Tuning) -> Array:
-    f, z = start.frequency, start.damping
-    return np.array([[f, z], [1.01 * f, z], [f, 1.1 * z]])
 
 
 #: By how much a frequency changes [-]; changes of the excitation's that are drawn.
@@ -185,9 +174,8 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
     ratio, band = mass / problem.mass, _band(problem)
     tuning = optimised(ratio, problem.damping, band, _over_beam(problem, fraction, NOMINAL))
     middle, last = points[len(points) // 2], points[-1]
-    changes = [
-        *((f"{problem.drive} {problem.level(one.amplitude)}", one, NOMINAL) for one in (points[0], middle, last))
-    ]
+    chosen = points[0], middle, last
+    changes = [(f"{problem.drive} {problem.level(one.amplitude)}", one, NOMINAL) for one in chosen]
     every, by = len(problem.further_modes), (-CHANGE, -0.5 * CHANGE, 0.5 * CHANGE, CHANGE)
     changes += [(f"excitation {100 * c:+.0f} %", middle, Deviation(detuning=c)) for c in by]
     changes += [
@@ -199,25 +187,23 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
     drawn = [("", middle, Deviation(detuning=float(d))) for d in np.linspace(-CHANGE, most, _DRAWN)]
     jobs = [*changes, *drawn]
     rows = dict(on_all_cores(lambda k: _row(problem, fraction, tuning, points, *jobs[k]), list(range(len(jobs)))))
-    own = 2.0 * math.pi * problem.frequency
+    own, tuned = 2.0 * math.pi * problem.frequency, _tuned(problem, fraction, tuning, NOMINAL)
     return Comparison(
         mass=mass,
         frequency=tuning.frequency * problem.frequency,
         damping=2.0 * mass * own * tuning.damping,
         damping_ratio=tuning.damping / tuning.frequency,
         band=(band[0] * problem.frequency, band[1] * problem.frequency),
-        stroke=last.amplitude * float(
-            _tuned(problem, fraction, tuning, NOMINAL).stroke(last.frequency / problem.frequency)
-        ),
+        stroke=last.amplitude * float(tuned.stroke(last.frequency / problem.frequency)),
         rows=[rows[k] for k in range(len(changes))],
         over_frequency=[rows[k] for k in range(len(changes), len(jobs))],
-    )  # fmt: skip
+    )
 
 
 def _band(problem: Problem) -> tuple[float, float]:
     """Return the excitation's frequency over the structure's, from and to, with what both may be off by."""
     if problem.excitation_frequency is None:
-        return ANY_FREQUENCY
+        return _ANY_FREQUENCY
     low, high = problem.excitation_frequency
     off = problem.uncertainty.frequency + problem.uncertainty.detuning
     return low * (1.0 - off) / problem.frequency, high * (1.0 + off) / problem.frequency
@@ -227,23 +213,18 @@ def _row(
     problem: Problem, fraction: float, tuning: Tuning, points: Sequence[Point], state: str, at: Point, off: Deviation
 ) -> MassRow:
     frequency = None if problem.excitation_frequency is None else at.frequency
-    one = case(problem, fraction, off, frequency=frequency)
-    return MassRow(
-        state, at.amplitude, one.damper.frequency, one.bare(at.amplitude), one.damper.closed_amplitude(at.amplitude),
-        _damped(one, at.amplitude, height_at(points, at.amplitude)),
-        at.amplitude * float(_tuned(problem, fraction, tuning, off).beam(
-            one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
-        )),
-    )  # fmt: skip
+    one, amplitude = case(problem, fraction, off, frequency=frequency), at.amplitude
+    ratio = one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
+    tuned = amplitude * float(_tuned(problem, fraction, tuning, off).beam(ratio))
+    closed, damped = one.damper.closed_amplitude(amplitude), _damped(one, amplitude, height_at(points, amplitude))
+    return MassRow(state, amplitude, one.damper.frequency, one.bare(amplitude), closed, damped, tuned)
 
 
 def _tuned(problem: Problem, fraction: float, tuning: Tuning, off: Deviation) -> TunedBeam:
     """Return the structure off by a deviation with the tuned mass, whose spring and damper stay."""
-    scale = 1.0 / (1.0 + off.frequency)
-    return TunedBeam(
-        grain_mass(problem, fraction) / problem.mass, problem.damping,
-        Tuning(scale * tuning.frequency, scale * tuning.damping), _over_beam(problem, fraction, off),
-    )  # fmt: skip
+    scale, ratio = 1.0 / (1.0 + off.frequency), grain_mass(problem, fraction) / problem.mass
+    moved = Tuning(scale * tuning.frequency, scale * tuning.damping)
+    return TunedBeam(ratio, problem.damping, moved, _over_beam(problem, fraction, off))
 
 
 def _over_beam(problem: Problem, fraction: float, off: Deviation) -> ModeSet | None:

@@ -64,7 +64,7 @@ _WINDOW = 16.0
 #: Relative tolerance of the run that shows the numerical error.
 _FINE = 1e-8
 #: An error of the height is looked for that costs so much of the reduction, among these shares of the clearance [-].
-COST, _OFF = 0.02, (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
+_COST, _OFF = 0.02, (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
 
 
 class Interval(NamedTuple):
@@ -111,7 +111,7 @@ class Point:
     mean_force: float  # on the ceiling, given structure [N]
     sound_power: float  # of the grain as a sphere in free air, given structure [W]
     acceleration: float  # of the closed damper over gravity, omega^2 X_0 / g; infinite without gravity [-]
-    height_error: float  # that costs the given structure `COST` of its reduction; at most a fifth of the clearance [m]
+    height_error: float  # that costs the given structure `_COST` of its reduction; at most a fifth of the clearance [m]
     structures: int  # cases that the intervals are taken over
 
 
@@ -129,10 +129,9 @@ class Structures:
         """Return the structures with a grain of a mass fraction [-]. Raises SceneError for an invalid value."""
         count = problem.quantities
         box, inner = np.vstack([np.zeros(count), corners(count)]), inside(_RANDOM, count, _SEED)
-        return Structures(
-            problem, fraction, [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies],
-            list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED))),
-        )  # fmt: skip
+        at = [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies]
+        random = list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED)))
+        return Structures(problem, fraction, at, random)
 
     @property
     def every(self) -> list[Case]:
@@ -160,15 +159,11 @@ def response_of(one: Case, amplitude: float, height: float, approach: Approach =
     settle = damper.settling()
     path = approach(damper, one.height(height), 0.5 * settle * damper.period)
     motion = damper.follow(true, path, Timing(settle, _WINDOW))
-    return Response(
-        motion.amplitude, efficiency(motion.amplitude, damper.closed_amplitude(true)), motion.regular,
-        one.bare(amplitude),
-    )  # fmt: skip
+    reduced = efficiency(motion.amplitude, damper.closed_amplitude(true))
+    return Response(motion.amplitude, reduced, motion.regular, one.bare(amplitude))
 
 
-def rated_heights(
-    structures: Structures, amplitude: float, best: Best, every: int = 1
-) -> dict[float, list[Response]]:  # fmt: skip
+def rated_heights(structures: Structures, amplitude: float, best: Best, every: int = 1) -> dict[float, list[Response]]:
     """Return {height [m]: responses of `structures.every`}, from the bare optimum down.
 
     Heights are added until the best lies inside; every: 2 leaves out each second one. Raises NumericalFailure.
@@ -269,8 +264,8 @@ def _widened(expected: float, seen: Sequence[float], wider: float, unseen: float
 
 
 def _height_error(given: Case, amplitude: float, height: float, expected: Response) -> float:
-    """Return the least error of the height [m], to either side, that costs `COST` of the reduction."""
-    clearance, allowed = height - given.damper.diameter, expected.reduction - COST
+    """Return the least error of the height [m], to either side, that costs `_COST` of the reduction."""
+    clearance, allowed = height - given.damper.diameter, expected.reduction - _COST
     found = _OFF[-1] * clearance
     for side in (-1.0, 1.0):
         inner, kept = 0.0, expected.reduction
@@ -340,8 +335,8 @@ def _bare_over_drive(problem: Problem, fraction: float) -> tuple[float, float]:
     points = inside(_BARE_DRAWN, problem.quantities, _BARE_SEED)
     names = list(Uncertainty.model_fields)
     # masses and dampings at their ends; frequencies anywhere, since a resonance may lie between
-    between = [k for k in range(problem.quantities)
-               if (names[k] in ("frequency", "detuning") if k < len(names) else (k - len(names)) % 3 == 1)]  # fmt: skip
+    between = [k for k, name in enumerate(names) if name in ("frequency", "detuning")]
+    between += range(len(names) + 1, problem.quantities, 3)
     ends = np.sign(points)
     ends[:, between] = points[:, between]
     found = []

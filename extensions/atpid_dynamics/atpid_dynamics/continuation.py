@@ -25,8 +25,8 @@ from atpid_sim.periodic.solve import PeriodicMotion, described, size_of, sorted_
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
-#: Ranges of the parameters that are free, by their names in `Conditions`, in SI units.
-Ranges = Mapping[str, tuple[float, float]]
+#: _Ranges of the parameters that are free, by their names in `Conditions`, in SI units.
+_Ranges = Mapping[str, tuple[float, float]]
 #: Lengths of a step: the first, the largest and the least, in units of the motion's size and of the parameters' ranges;
 #: smallest cosine of the angle between steps, and largest length of one over the length asked for.
 _FIRST, _LARGEST, _LEAST, _STRAIGHT, _AWAY = 5e-3, 8e-2, 2e-6, 0.97, 1.5
@@ -72,7 +72,7 @@ class Branch:
         return next((each for each in self.bifurcations if each.ends_stability), None)
 
 
-def follow_branch(integration: Integration, motion: PeriodicMotion, ranges: Ranges, to_cliff: bool = False) -> Branch:
+def follow_branch(integration: Integration, motion: PeriodicMotion, ranges: _Ranges, to_cliff: bool = False) -> Branch:
     """Follow a periodic motion in one parameter, at first upward, through folds to the end of its range, or its own.
 
     ranges: of the one parameter. to_cliff: end where the motion stops to be stable. Raises NumericalFailure.
@@ -94,7 +94,7 @@ def follow_branch(integration: Integration, motion: PeriodicMotion, ranges: Rang
     return Branch(tuple(motions), tuple(found))
 
 
-def follow_cliff(integration: Integration, cliff: Bifurcation, ranges: Ranges) -> tuple[Bifurcation, ...]:
+def follow_cliff(integration: Integration, cliff: Bifurcation, ranges: _Ranges) -> tuple[Bifurcation, ...]:
     """Follow what ends the stability of a branch over the height in a second parameter, both ways.
 
     ranges: of the height first, then of the second parameter. Where another bifurcation comes first the curve goes on
@@ -104,7 +104,7 @@ def follow_cliff(integration: Integration, cliff: Bifurcation, ranges: Ranges) -
     return (*reversed(down), cliff, *up)
 
 
-def _one_way(integration: Integration, cliff: Bifurcation, ranges: Ranges, way: float) -> list[Bifurcation]:
+def _one_way(integration: Integration, cliff: Bifurcation, ranges: _Ranges, way: float) -> list[Bifurcation]:
     found, following = [cliff], cliff
     for _ in range(_RESTARTS):
         steps = _steps(integration, following.motion, ranges, following.loss, way)
@@ -124,7 +124,7 @@ def _one_way(integration: Integration, cliff: Bifurcation, ranges: Ranges, way: 
     return found[1:]
 
 
-def _next_cliff(integration: Integration, last: PeriodicMotion, ranges: Ranges, way: float) -> Bifurcation | None:
+def _next_cliff(integration: Integration, last: PeriodicMotion, ranges: _Ranges, way: float) -> Bifurcation | None:
     """Return the bifurcation that ends the stable motion below a point of a cliff, a little further along."""
     height, (name, (low, high)) = ranges.items()
     for share in _FURTHER:
@@ -141,7 +141,7 @@ def _below(motion: PeriodicMotion, share: float) -> Conditions:
     return motion.conditions._replace(height=motion.conditions.height * (1.0 - share))
 
 
-def _at_end(motion: PeriodicMotion, ranges: Ranges) -> bool:
+def _at_end(motion: PeriodicMotion, ranges: _Ranges) -> bool:
     """Return whether a motion is at the end of the range of a parameter."""
     values = {name: (getattr(motion.conditions, name) - low) / (high - low) for name, (low, high) in ranges.items()}
     return any(min(value, 1.0 - value) < _END for value in values.values())
@@ -150,7 +150,7 @@ def _at_end(motion: PeriodicMotion, ranges: Ranges) -> bool:
 class _Problem:
     """Equations of a point of a curve near a motion, in units of its size and of the parameters' ranges."""
 
-    def __init__(self, integration: Integration, near: PeriodicMotion, ranges: Ranges, loss: Loss | None) -> None:
+    def __init__(self, integration: Integration, near: PeriodicMotion, ranges: _Ranges, loss: Loss | None) -> None:
         self.integration, self.near, self.names, self.loss = integration, near, tuple(ranges), loss
         # the section moves with the flight
         self.phase, self.section = passage(integration, near.conditions, near.state, near.phase, near.periods)
@@ -241,7 +241,7 @@ def _slope(function: Callable[[Array], Array], point: Array, width: float) -> Ar
 
 
 def _steps(
-    integration: Integration, motion: PeriodicMotion, ranges: Ranges, loss: Loss | None = None, way: float = 1.0
+    integration: Integration, motion: PeriodicMotion, ranges: _Ranges, loss: Loss | None = None, way: float = 1.0
 ) -> Iterator[PeriodicMotion]:
     """Yield the motions of a curve behind its first; the last parameter rises at first (way 1) or falls (way -1)."""
     before: PeriodicMotion | None = None
@@ -284,7 +284,7 @@ def _steps(
 
 
 def _over_touch(
-    integration: Integration, motion: PeriodicMotion, ranges: Ranges, way: float
+    integration: Integration, motion: PeriodicMotion, ranges: _Ranges, way: float
 ) -> Iterator[PeriodicMotion]:
     """Yield what a stable motion becomes a little further along, where it is stable there."""
     ((name, (low, high)),) = ranges.items()
@@ -297,7 +297,7 @@ def _over_touch(
 
 
 def _between(
-    integration: Integration, before: PeriodicMotion, after: PeriodicMotion, ranges: Ranges
+    integration: Integration, before: PeriodicMotion, after: PeriodicMotion, ranges: _Ranges
 ) -> list[Bifurcation]:
     """Return the bifurcations between two neighbours of a branch: where conditions change their sign."""
     ends, found = before.stability_margin > 0.0 >= after.stability_margin, list[tuple[float, Loss, PeriodicMotion]]()
@@ -328,7 +328,7 @@ def _between(
     return [Bifurcation(name, motion, ends and place == 0) for place, (_, name, motion) in enumerate(found)]
 
 
-def _touch(integration: Integration, motion: PeriodicMotion, ranges: Ranges) -> PeriodicMotion | None:
+def _touch(integration: Integration, motion: PeriodicMotion, ranges: _Ranges) -> PeriodicMotion | None:
     """Return the motion near another one of a branch in which the grain just touches a wall once more."""
     try:
         problem = _Problem(integration, motion, ranges, Loss.GRAZING)

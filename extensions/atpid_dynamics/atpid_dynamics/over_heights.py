@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.files import Document
 from atpid_dynamics.engine.neighbour_run import solve_along
 from atpid_dynamics.heights import HeightTables, ends_alike, tables_at
 from atpid_sim.engine import columns
@@ -93,7 +94,7 @@ class HeightSweep:
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
         """Return what a journal has, by the names of the fields."""
-        arrays: dict[str, Any] = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
+        arrays: Document = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
 
 
@@ -121,8 +122,8 @@ def over_heights(
     jobs = [(k, begin) for k in range(len(scenes)) for begin in reversed(begins)]
     record = None
     if journal is not None:
-        purpose = {"heights": heights.tolist(), "scenes": [scene.to_mapping() for scene in scenes],
-                   "settings": [_CHUNK, rtol, fidelity]}  # fmt: skip
+        purpose = {"heights": heights.tolist(), "scenes": [scene.to_mapping() for scene in scenes]}
+        purpose["settings"] = [_CHUNK, rtol, fidelity]
         record = Record[tuple[int, int], HeightSweep](journal, purpose, lambda job: job, vars, HeightSweep.from_plain)
     report = progress or (lambda _: None)
     each, most = min(_CHUNK, len(heights)), len(scenes) * len(heights)
@@ -137,8 +138,9 @@ def _job(rows: Sequence[_Row], job: tuple[int, int]) -> HeightSweep:
 def _joined(parts: Sequence[HeightSweep]) -> HeightSweep:
     arrays = {
         one.name: np.concatenate([getattr(part, one.name) for part in parts])
-        for one in fields(HeightSweep) if one.name != "fidelity"
-    }  # fmt: skip
+        for one in fields(HeightSweep)
+        if one.name != "fidelity"
+    }
     return HeightSweep(**arrays, fidelity=parts[0].fidelity)
 
 
@@ -203,10 +205,9 @@ class _Part:
         self.periods = np.full(count, -1)  # of the scene's own run; 0: irregular; -1: not run
         self.ends: dict[int, State] = {}
         self.motions: dict[int, _Motion | None] = {}
-        self.result = HeightSweep(
-            self.heights, np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan),
-            np.zeros(count, dtype=np.int64), np.full(count, Way.FAILED, dtype=np.int64), row.choice.fidelity,
-        )  # fmt: skip
+        found, errors, multipliers = np.full((3, count), np.nan)
+        none, ways = np.zeros(count, dtype=np.int64), np.full(count, Way.FAILED, dtype=np.int64)
+        self.result = HeightSweep(self.heights, found, errors, multipliers, none, ways, row.choice.fidelity)
 
     def found(self) -> HeightSweep:
         """Run where that is needed, solve for the rest."""
@@ -302,11 +303,9 @@ class _Part:
         table = table_of(conditions, near.phase, near.periods / self.frequency)
         places = self.integration.sections
         sections, solved = np.empty((len(heights), len(near.section))), np.empty((3, len(heights)))
+        begin = near.section, near.scale, self.close, self.integration.step_limit
         try:
-            count = solve_along(
-                self.integration.kernel_inputs, table, places, heights, near.section, near.scale, self.close,
-                self.integration.step_limit, sections, solved,
-            )  # fmt: skip
+            count = solve_along(self.integration.kernel_inputs, table, places, heights, *begin, sections, solved)
         except np.linalg.LinAlgError:  # a multiplier of exactly 1
             count = 0
         return sections[:count], solved[:, :count]

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from atpid_common.files import Document
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged, judged_calibration
 from atpid_control.stand.parts import EXCITER, AddedPart, Part
 from atpid_exciter.excitation import ExcitationSettings, drive_of
@@ -16,7 +17,7 @@ from atpid_sim.scene import Scene
 _NI_OUTPUT = "cDAQ1Mod1/ao0"
 
 
-def simulated(scene: Scene) -> dict[str, Any]:
+def simulated(scene: Scene) -> Document:
     """Return backend and limits of the simulated exciter: any amplitude of the scene, at any useful frequency."""
     own = scene.natural_frequency_hz
     return {
@@ -27,7 +28,7 @@ def simulated(scene: Scene) -> dict[str, Any]:
     }
 
 
-def emulated(scene: Scene, place: Path, own: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def emulated(scene: Scene, place: Path, own: Mapping[str, Any]) -> tuple[Document, Document]:
     """Return the parameters of the excitation node and those of the feed: a shaker, or an eccentric drive.
 
     own: of the excitation node, whose backend may be labjack_dac or nidaqmx; each is calibrated over its range.

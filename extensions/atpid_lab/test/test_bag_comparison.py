@@ -18,8 +18,8 @@ from atpid_control.runs.decode import stamp_of
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.views.report.stages import Stage
 from atpid_control.views.report.view import view_of
-from atpid_lab.comparison import compare
-from atpid_lab.comparison.compare import BagComparisonError, Compared, Row, compare_bags
+from atpid_lab import comparison as compare
+from atpid_lab.comparison import BagComparisonError, Compared, Row, compare_bags
 from atpid_lab.traces.file import TraceError, Tracer
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.excitation import amplitude_at

@@ -18,10 +18,10 @@ from atpid_control.runs.playback import support_series
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
 from atpid_control.views.report.page import analysis_of
 from atpid_control.views.report.view import view_of
+from atpid_lab import comparison as compare
 from atpid_lab.beam import command as beam_command
 from atpid_lab.beam.fit import BeamCalibrationError
-from atpid_lab.comparison import compare
-from atpid_lab.validation.compare import read_measured
+from atpid_lab.validation import read_measured
 
 
 @pytest.mark.parametrize("name", list(BAGS))

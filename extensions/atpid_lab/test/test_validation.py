@@ -14,7 +14,7 @@ from bag_files import RATE, ROOT, without_pictures
 from recorded import Capture, refused
 
 from atpid_control.cli import main
-from atpid_lab.validation.compare import (
+from atpid_lab.validation import (
     Agreement,
     Measured,
     aligned,

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from atpid_common.errors import InputError
 from atpid_common.files import Document
 from atpid_common.vocabulary import Drive
@@ -20,7 +18,7 @@ from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.picture import save_pictures
 from atpid_control.views.report.stages import Printed, Stage, measured_decrement, per_cent
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of, view_of
-from atpid_control.views.static_page import document, facts, scripts, table
+from atpid_control.views.static_page import document, filled, scripts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.quantities import modes_in
@@ -39,10 +37,7 @@ def page(view: View) -> str:
     if analysis is not None:
         modes = modes_in(view.run.scene) if view.run.scene is not None else []
         shown["spectra"] = charts.spectra(analysis, [mode.frequency for mode in modes])
-    pages = Environment(
-        loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    body = pages.get_template("report.html").render(_contents(view, analysis))
+    body = filled("report.html", __package__, _contents(view, analysis))
     return document(headline(view), [body, scripts(shown)])
 
 
@@ -64,8 +59,6 @@ def _contents(view: View, analysis: Analysis | None) -> Document:
         "analysis": list(rows(analysis)) if analysis else [],
         "doubts": [*analysis.doubts, *run.faults(-math.inf, math.inf)] if analysis else [],
         "about": _about(view),
-        "facts": facts,
-        "table": table,
     }
 
 

@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -27,7 +28,6 @@ from atpid_control.stand.processes import stoppable
 from atpid_sim.display import counting, working
 from atpid_sim.scene import Scene
 
-#: Arguments of the example in the help.
 EXAMPLE = "campaign.yaml --out out/campaign"
 
 
@@ -112,11 +112,8 @@ def _model(args: argparse.Namespace) -> int:
     with counting("and with the model found", len(given)) as count:
         own = compared(campaign, found, folder, count)
     for before, after in zip(given, own, strict=True):
-        table.add_row(
-            before["point"], f"{1e3 * before['beam_amplitude']:.4g}",
-            *(text for row in (before, after)
-              for text in (f"{1e3 * row['simulated_amplitude']:.4g}", f"{row['apart']:+.1f}")),
-        )  # fmt: skip
+        texts = ((f"{1e3 * row['simulated_amplitude']:.4g}", f"{row['apart']:+.1f}") for row in (before, after))
+        table.add_row(before["point"], f"{1e3 * before['beam_amplitude']:.4g}", *chain.from_iterable(texts))
     Console(width=110, highlight=False).print(table)
     agree = f"{agreeing(given)} of {len(given)} by the scene given, {agreeing(own)} by the model"
     print(f"within {AGREE:g} standard deviations: {agree}")

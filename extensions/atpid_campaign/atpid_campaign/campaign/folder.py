@@ -12,21 +12,20 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from atpid_campaign.campaign.plan import CampaignError
-from atpid_common.files import check, read_text
+from atpid_common.files import Document, check, read_text
 from atpid_common.output import finite, folder, writing
 from atpid_common.waiting import to_stderr
 from atpid_control.stand.outdir import claimed
 
-RECORD, PLAN, DIGESTS = "point.json", "campaign.json", "digests.json"
+_RECORD, PLAN, _DIGESTS = "point.json", "campaign.json", "digests.json"
 #: What a record has as its `status`; a point with one of the first two is done.
 MEASURED, SKIPPED, BAD = "measured", "skipped", "bad"
-Record = dict[str, Any]
+Record = Document
 
 
 class CampaignFolder:
@@ -38,7 +37,7 @@ class CampaignFolder:
         self.damaged: dict[int, str] = {}  # points that are not as they were measured: in which way
 
     @contextmanager
-    def open(self, plan: Mapping[str, Any]) -> Iterator[None]:
+    def open(self, plan: Document) -> Iterator[None]:
         """Claim the folder for the campaign `plan`; what a killed one left is removed, what is damaged moved aside.
 
         Raises CampaignError where another campaign is in it, BenchError where one runs there.
@@ -48,9 +47,8 @@ class CampaignFolder:
             if (self.path / PLAN).is_file():
                 if self.plan() != (given := json.loads(json.dumps(plan))):
                     differs = ", ".join(sorted(key for key in given if given[key] != self.plan().get(key)))
-                    raise CampaignError(
-                        f"{self.path}: holds another campaign (it differs in {differs}); give another --out"
-                    )
+                    other = f"another campaign (it differs in {differs})"
+                    raise CampaignError(f"{self.path}: holds {other}; give another --out")
             elif foreign := sorted(item.name for item in self.path.iterdir() if not item.name.startswith(PLAN)):
                 raise CampaignError(f"{self.path}: holds other files ({', '.join(foreign[:3])}); give a new --out")
             else:
@@ -65,7 +63,7 @@ class CampaignFolder:
             self.damaged = {}
             yield
 
-    def plan(self) -> dict[str, Any]:
+    def plan(self) -> Document:
         """Return the plan it was made for. Raises FileError: there is none; CampaignError: it is damaged."""
         return _read(self.path / PLAN)
 
@@ -84,9 +82,9 @@ class CampaignFolder:
         number = record["number"]
         aside = self.bad / f"{number:04d}-{record['attempt']}"
         target = aside if record["status"] == BAD else self.place(number)
-        _write(part / RECORD, record)
+        _write(part / _RECORD, record)
         names = (path.relative_to(part) for path in sorted(part.rglob("*")) if path.is_file())
-        _write(part / DIGESTS, {str(name): _digest(part / name) for name in names if name.parts[0] != "log"})
+        _write(part / _DIGESTS, {str(name): _digest(part / name) for name in names if name.parts[0] != "log"})
         for path in (*part.rglob("*"), part):
             _flush(path)
         part.rename(target)  # fails where there is one already, which is not empty
@@ -98,7 +96,7 @@ class CampaignFolder:
 
     def record(self, number: int) -> Record:
         """Return what was kept of a point that is done. Raises InputError: its record is damaged."""
-        return _read(self.place(number) / RECORD)
+        return _read(self.place(number) / _RECORD)
 
     def records(self) -> dict[int, Record]:
         """Return the points that are done, by number, without those that were found to be damaged."""
@@ -109,8 +107,8 @@ class CampaignFolder:
         self.damaged = {number: wrong for number in self._numbers() if (wrong := self._wrong(number))}
         for number, wrong in self.damaged.items():
             to_stderr(f"point {number} is damaged: {wrong}; {then}")
-        if old := sum(not (self.place(number) / DIGESTS).is_file() for number in self.records()):
-            to_stderr(f"note: {old} points have no {DIGESTS}, which older versions did not write: not checked")
+        if old := sum(not (self.place(number) / _DIGESTS).is_file() for number in self.records()):
+            to_stderr(f"note: {old} points have no {_DIGESTS}, which older versions did not write: not checked")
 
     def _numbers(self) -> list[int]:
         return [int(path.name) for path in sorted(self.points.glob("[0-9]*")) if path.name.isdecimal()]
@@ -119,7 +117,7 @@ class CampaignFolder:
         """Return in which way a point is not as it was measured; empty: it is."""
         place = self.place(number)
         try:
-            kept = _read(place / DIGESTS) if (place / DIGESTS).exists() else {}
+            kept = _read(place / _DIGESTS) if (place / _DIGESTS).exists() else {}
             changed = ", ".join(name for name, digest in kept.items() if _digest(place / name) != digest)
             found = self.record(number).get("number")
         except (ValueError, OSError) as error:
@@ -145,7 +143,7 @@ def _digest(path: Path) -> str:
     return total.hexdigest()
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Document:
     text = read_text(path, 100_000_000)
     try:
         return dict(json.loads(text).items())
@@ -153,7 +151,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise CampaignError(f"{path}: is cut or damaged; copy one of the same campaign there") from None
 
 
-def _write(path: Path, value: Any) -> None:
+def _write(path: Path, value: object) -> None:
     _replace(path, json.dumps(finite(value), indent=1) + "\n")
 
 

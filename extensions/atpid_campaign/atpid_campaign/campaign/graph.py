@@ -192,7 +192,7 @@ class GraphStand(Stand):
             self._watch.excite(0.0, 0.0)
             self._until(lambda: self._watch.exciter.mode not in _DRIVEN, _RAMP_DOWN, "the end of the excitation")
 
-    def _until(self, happened: Callable[[], Any], timeout: float, what: str) -> None:
+    def _until(self, happened: Callable[[], object], timeout: float, what: str) -> None:
         deadline = time.monotonic() + timeout
         while not happened():
             time.sleep(_LOOK)

@@ -56,8 +56,8 @@ class StandModel:
         mass, (stiffness, damping) = beam.mass_std / beam.mass, np.sqrt(np.diag(fit.covariance))
         # an error of the mass is in stiffness and damping too: of frequency and ratio only the grain's share is left
         grain = 0.5 * (1.0 - beam.mass * fit.stiffness / beam.stiffness) * mass
-        found = {"mass": mass, "frequency": math.hypot(0.5 * stiffness / fit.stiffness, grain),
-                 "damping": math.hypot(damping / fit.damping, grain)}  # fmt: skip
+        frequency, ratio = (math.hypot(one, grain) for one in (0.5 * stiffness / fit.stiffness, damping / fit.damping))
+        found = {"mass": mass, "frequency": frequency, "damping": ratio}
         if self.restitution is not None:
             found["restitution"] = self.restitution_std / self.restitution
         return {name: 2.0 * value for name, value in found.items()}

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a campaign: its curves with error bars beside simulation of the same points, each with its own report."""
+"""The page of a campaign, of data/campaign.html: curves with error bars beside simulation of the same points."""
 
 import json
 import math
@@ -9,7 +9,6 @@ from functools import partial
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from atpid_campaign.campaign.folder import MEASURED, SKIPPED, CampaignFolder, Record
 from atpid_campaign.campaign.plan import Campaign
@@ -17,7 +16,7 @@ from atpid_campaign.campaign.result import simulated
 from atpid_common.output import finite, writing
 from atpid_control.views.report.charts import Figure, Marked, points
 from atpid_control.views.report.page import PAGE, report
-from atpid_control.views.static_page import Link, document, facts, scripts, table, warnings
+from atpid_control.views.static_page import Link, document, filled, scripts
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import HERE, Batch, Progress
 
@@ -31,8 +30,8 @@ _AXES = (
     ("wanted_amplitude", "amplitude of the excitation, {}", 1.0, "Efficiency over the amplitude"),
     ("wanted_ratio", "frequency over the resonance", 1.0, "Beam over the frequency"),
 )
-_HEADS = ("frequency [Hz]", "height [mm]", "beam [mm]", "simulated [mm]", "apart", "efficiency [%]", "motion",
-          "attempt")  # fmt: skip
+
+
 _CLICK = (
     'document.querySelectorAll(".chart").forEach((chart) => chart.on("plotly_click", (event) => {'
     " const page = event.points[0].customdata; if (page) location.href = page; }));"
@@ -52,7 +51,7 @@ def compared(
     jobs = [record["number"] for record in found]
     beside = Batch(partial(_simulated, campaign, scene, folder), jobs, processes=True).run(HERE, progress)
     rows = [record | more for record, more in zip(found, beside, strict=True)]
-    closed: dict[tuple[Any, ...], list[Record]] = {}
+    closed: dict[tuple[object, ...], list[Record]] = {}
     for row in rows:
         if row["wanted_ceiling"] == "closed":
             closed.setdefault(_excited(row), []).append(row)
@@ -70,7 +69,7 @@ def compared(
     return rows
 
 
-def _excited(row: Record) -> tuple[Any, ...]:
+def _excited(row: Record) -> tuple[object, ...]:
     return tuple(row[f"wanted_{name}"] for name in ("amplitude", "frequency", "grain_mass"))
 
 
@@ -99,41 +98,43 @@ def write_page(campaign: Campaign, scene: Scene, folder: CampaignFolder, progres
 
 def _html(campaign: Campaign, folder: CampaignFolder, rows: Sequence[Record], unit: str) -> str:
     figures = dict(_figures(rows, unit))
-    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in folder.records().values()
-               if one["status"] == SKIPPED]  # fmt: skip
-    damaged = [f"point {number}: left out, damaged: {wrong}" for number, wrong in folder.damaged.items()]
+    left = [one for one in folder.records().values() if one["status"] == SKIPPED]
+    skipped = [f"{one['point']}: skipped: {one['reason']}" for one in left]
     about = {
-        "stand": campaign.stand, "points": f"{len(rows)} measured, {len(skipped)} skipped",
+        "stand": campaign.stand,
+        "points": f"{len(rows)} measured, {len(skipped)} skipped",
         "agreement": f"{agreeing(rows)} of {len(rows)} within {AGREE:g} standard deviations of simulation",
-    }  # fmt: skip
-    charts = (
-        f'<figure><div class="chart" id="{name}" role="img" aria-label="{title}"></div></figure>'
-        for name, _, _, title in _AXES
-        if name in figures
-    )
-    return document("A stand over many points", [
-        "<header><h1>A stand over many points</h1><p>Marks: measured. Lines: simulation of the same points. Bars: "
-        "one standard deviation. A click on a mark, or a link in the table, leads to the point's report.</p>"
-        "</header>", facts(about), warnings(skipped + damaged), *charts,
-        '<h2>Every point</h2><p class="note">Amplitudes are half peak-to-peak; efficiency is against the damper '
-        "closed; apart: measured less simulated, in standard deviations of the difference.</p>",
-        table("Every point", ("point", f"excitation [{unit}]", *_HEADS), (_row(row, unit) for row in rows)),
-        scripts(finite(figures), _CLICK),
-    ])  # fmt: skip
+    }
+    title, shown = "A stand over many points", [_row(row, unit) for row in rows]
+    names = {
+        "title": title,
+        "about": about,
+        "wrong": [*skipped, *(f"point {n}: left out, damaged: {wrong}" for n, wrong in folder.damaged.items())],
+        "charts": {name: title for name, _, _, title in _AXES if name in figures},
+        "heads": list(shown[0]) if shown else [],
+        "rows": [list(row.values()) for row in shown],
+        "scripts": scripts(finite(figures), _CLICK),
+    }
+    return document(title, [filled("campaign.html", "atpid_campaign", names)])
 
 
 def _address(row: Record) -> str:
     return f"points/{row['number']:04d}/report/{PAGE}"
 
 
-def _row(row: Record, unit: str) -> list[str | Link]:
-    return [
-        Link(row["point"].replace(" at", f" {unit} at", 1), _address(row)), f"{row['excitation_amplitude']:.5g}",
-        f"{row['excitation_frequency']:.4f}", f"{1e3 * row['height']:.4g}",
-        _with_error(row, "beam_amplitude", 1e3), _with_error(row, "simulated_amplitude", 1e3),
-        f"{row['apart']:+.1f}".replace("-", "−"), _with_error(row, "efficiency", 100.0),
-        "regular" if row["regular"] else "irregular", str(row["attempt"]),
-    ]  # fmt: skip
+def _row(row: Record, unit: str) -> dict[str, str | Link]:
+    return {
+        "point": Link(row["point"].replace(" at", f" {unit} at", 1), _address(row)),
+        f"excitation [{unit}]": f"{row['excitation_amplitude']:.5g}",
+        "frequency [Hz]": f"{row['excitation_frequency']:.4f}",
+        "height [mm]": f"{1e3 * row['height']:.4g}",
+        "beam [mm]": _with_error(row, "beam_amplitude", 1e3),
+        "simulated [mm]": _with_error(row, "simulated_amplitude", 1e3),
+        "apart": f"{row['apart']:+.1f}".replace("-", "−"),
+        "efficiency [%]": _with_error(row, "efficiency", 100.0),
+        "motion": "regular" if row["regular"] else "irregular",
+        "attempt": str(row["attempt"]),
+    }
 
 
 def _with_error(row: Record, name: str, scale: float) -> str:
@@ -145,9 +146,11 @@ def _with_error(row: Record, name: str, scale: float) -> str:
 def _figures(rows: Sequence[Record], drive_unit: str) -> Iterator[tuple[str, Figure]]:
     """Yield the charts whose quantity was varied: over the frequency the beam itself, else the efficiency."""
     for key, axis, scale, title in _AXES:
-        shown = [row for row in rows if key == "wanted_ratio" or (
-            row["wanted_ceiling"] not in ("closed", "none")
-            and (key != "height" or isinstance(row["wanted_ceiling"], float)))]  # fmt: skip
+        shown = list(rows)
+        if key != "wanted_ratio":
+            shown = [row for row in rows if row["wanted_ceiling"] not in ("closed", "none")]
+        if key == "height":
+            shown = [row for row in shown if isinstance(row["wanted_ceiling"], float)]
         unit, factor, columns = ("mm", 1e3, ("beam_amplitude", "simulated_amplitude"))
         if key != "wanted_ratio":
             unit, factor, columns = ("%", 100.0, ("efficiency", "simulated_efficiency"))
@@ -169,8 +172,9 @@ def _alike(key: str, unit: str, row: Record) -> str:
     """Return what points of one curve over `key` have in common, in words."""
     ceiling = row["wanted_ceiling"]
     named = {
-        "wanted_amplitude": f"{row['wanted_amplitude']:g} {unit}", "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
+        "wanted_amplitude": f"{row['wanted_amplitude']:g} {unit}",
+        "wanted_ratio": f"{row['wanted_ratio']:.4g} f₀",
         "height": f"{ceiling:g} m" if isinstance(ceiling, float) else ceiling,
         "wanted_grain_mass": f"{1e3 * row['wanted_grain_mass']:.4g} g",
-    }  # fmt: skip
+    }
     return ", ".join(text for name, text in named.items() if name != key)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, Strict, Tag, ValidationError, model_validator
 
 from atpid_common.errors import InputError
-from atpid_common.files import FileError, read_text
+from atpid_common.files import Document, FileError, read_text
 from atpid_sim.fields import Hertz, Length, LocatedPath, Mass, Number, SceneBlock, Words, by_type, impossible, within
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.scene.scene import decimal_comma, explained
@@ -32,9 +32,7 @@ class CampaignError(InputError):
     """A campaign that cannot be run as asked: what was given, what is allowed, what to do."""
 
 
-Height = Annotated[
-    Annotated[Length, Tag("<number>")] | Annotated[Literal["closed", "none"], Tag("<word>")], by_type
-]  # fmt: skip
+Height = Annotated[Annotated[Length, Tag("<number>")] | Annotated[Literal["closed", "none"], Tag("<word>")], by_type]
 Method = Literal["lookup", "pca", "direct"]
 Amplitude = Annotated[Number, within(1e-9, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
 Share = Annotated[Number, within(1e-6, 0.5, hint="a share: 1 % is 0.01")]
@@ -116,11 +114,9 @@ class Campaign(SceneBlock):
     @property
     def axes(self) -> tuple[tuple[Any, ...], ...]:
         """Grain masses, frequencies, ceilings, amplitudes, repeats: what takes longest to change first."""
-        return (
-            self.grain_masses or (None,), self.frequencies or self.frequency_ratios,
-            tuple(sorted((*self.heights, *self.methods), key=_rank)), self.amplitudes,
-            tuple(range(1, self.repeats + 1)),
-        )  # fmt: skip
+        frequencies, repeats = self.frequencies or self.frequency_ratios, tuple(range(1, self.repeats + 1))
+        ceilings = tuple(sorted((*self.heights, *self.methods), key=_rank))
+        return self.grain_masses or (None,), frequencies, ceilings, self.amplitudes, repeats
 
 
 def _rank(ceiling: float | str) -> tuple[bool, bool, float]:
@@ -197,13 +193,12 @@ def read_campaign(path: Path) -> tuple[Campaign, Scene]:
     low, high = scene.ceiling.range
     for height in campaign.heights:
         if isinstance(height, float) and not low <= height <= high:
-            raise CampaignError(
-                f"{path}: heights: given {height:g} m; allowed: the ceiling's range, {low:g} to {high:g} m"
-            )
+            allowed = f"the ceiling's range, {low:g} to {high:g} m"
+            raise CampaignError(f"{path}: heights: given {height:g} m; allowed: {allowed}")
     return campaign, scene
 
 
-def campaign_in(plan: Mapping[str, Any], folder: Path) -> tuple[Campaign, Scene]:
+def campaign_in(plan: Document, folder: Path) -> tuple[Campaign, Scene]:
     """Return the campaign and the scene that the plan in a folder keeps. Raises CampaignError, SceneError."""
     try:
         campaign = Campaign.model_validate({**plan["campaign"], "scene": folder})
@@ -216,8 +211,8 @@ def points_of(campaign: Campaign, scene: Scene) -> list[Point]:
     """Return all points in the order in which they are measured; each keeps its number in any order."""
     axes = campaign.axes
     # without a grain there are no masses of it
-    places = [place for place in _serpentine([len(axis) for axis in axes])
-              if axes[2][place[2]] != "none" or place[0] == 0]  # fmt: skip
+    every = _serpentine([len(axis) for axis in axes])
+    places = [place for place in every if axes[2][place[2]] != "none" or place[0] == 0]
     numbers = {place: number for number, place in enumerate(sorted(places), 1)}
     if campaign.order == "random":
         places = random.Random(campaign.seed).sample(sorted(places), len(places))

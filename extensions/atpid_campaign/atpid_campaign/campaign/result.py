@@ -4,15 +4,15 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from atpid_campaign.campaign.plan import Campaign, Point, Rules, from_rest
+from atpid_common.files import Document
 from atpid_common.vocabulary import EventKind, Quality, Severity
 from atpid_control.identification import Estimate
 from atpid_control.runs.run import open_run
@@ -26,13 +26,13 @@ from atpid_sim.system import Array
 #: Periods in one look: the looks of a window share no samples.
 _LOOK = 2.0
 #: A ceiling this close to the height commanded has arrived [m]; one that a method moves stands at this [m].
-ARRIVED, _STANDS = 5e-3, 2e-3
+_ARRIVED, _STANDS = 5e-3, 2e-3
 #: Standard deviations of an estimate that are no deviation.
 _SIGMAS = 2.0
 #: Ratio of von Neumann from which readings are independent, and the least scatter of a second half over the first's.
 _RANDOM, _LASTING = 1.5, 0.7
 #: Warnings that spoil a point whatever the estimates are; alarms do all.
-SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
+_SPOILING = frozenset({EventKind.FAULT, EventKind.DROPPED, EventKind.BEHIND, EventKind.TWO_TONES})
 #: Alarms that are a result, not a fault of the stand.
 _RESULTS = frozenset({EventKind.RUMBLE, EventKind.DRIFT, EventKind.STEP_BACK, EventKind.FALLBACK})
 
@@ -73,7 +73,7 @@ class Judge:
         """Take an event of the graph."""
         if severity > Severity.INFO and not self.over:
             self.events.append(f"{kind}: {text}")
-            if kind in SPOILING or (severity == Severity.ALARM and kind not in _RESULTS):
+            if kind in _SPOILING or (severity == Severity.ALARM and kind not in _RESULTS):
                 self.bad = f"{kind}: {text}"
 
     def push(self, estimate: Estimate, height: float, moving: bool, recording: bool = True) -> None:
@@ -119,7 +119,7 @@ class Judge:
                 return f"{name} {value:.5g}{unit}, wanted {given:.5g}{unit}"
         if not math.isfinite(height) or moving:
             return "the ceiling moves" if moving else "the ceiling's height is not known"
-        if self.height is not None and abs(height - self.height) > ARRIVED:
+        if self.height is not None and abs(height - self.height) > _ARRIVED:
             return f"the ceiling is at {height:.4f} m, wanted {self.height:.4f} m"
         return ""
 
@@ -175,7 +175,7 @@ class Amplitude:
     scatter: float  # of single readings, relative [-]
 
 
-def amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
+def _amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
     """Return the amplitude of samples (n,) [m] at `rate` [Hz], of a motion driven at `frequency` [Hz].
 
     The error bar counts the scatter of readings, and the noise, by which peaks read too large.
@@ -188,7 +188,7 @@ def amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
     return Amplitude(value, math.hypot(scatter / math.sqrt(readings.size), noise), scatter / value if value else 0.0)
 
 
-def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
+def measured(folder: Path, point: Point, judge: Judge) -> Document:
     """Return what was measured in a point whose bag is in `folder`. What is wrong with it becomes `judge.bad`."""
     run = open_run(folder / "bag")
     shift = 1e-9 * run.start_ns
@@ -199,21 +199,20 @@ def measured(folder: Path, point: Point, judge: Judge) -> dict[str, Any]:
     if (lost := expected - int(np.isfinite(inside).sum())) > 0:
         judge.bad = f"{lost} of {expected} samples lost or saturated in the bag"
         return {}
-    found = amplitude_of(inside, beam.rate, point.frequency)
+    found = _amplitude_of(inside, beam.rate, point.frequency)
     identified: dict[str, float] = {}
     for name in ("amplitude", "frequency"):
         values, stds = (np.array([getattr(one, key) for one in judge.estimates]) for key in (name, f"{name}_std"))
         identified[f"excitation_{name}"] = float(values.mean())
         identified[f"excitation_{name}_std"] = math.hypot(stds.mean(), values.std())
-    return {
-        **identified, "height": float(np.median(judge.heights)), "beam_amplitude": found.value,
-        "beam_amplitude_std": found.std, "scatter": found.scatter, "regular": found.scatter < IRREGULAR,
-        "begin": begin, "end": end, "samples": int(inside.size), "settled_after": judge.settled_after,
-        "missing": run.missing,
-    }  # fmt: skip
+    height, missing = float(np.median(judge.heights)), run.missing
+    amplitude = {"beam_amplitude": found.value, "beam_amplitude_std": found.std, "scatter": found.scatter}
+    part = {"begin": begin, "end": end, "samples": int(inside.size), "settled_after": judge.settled_after}
+    regular = found.scatter < IRREGULAR
+    return {**identified, "height": height, **amplitude, "regular": regular, **part, "missing": missing}
 
 
-def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> dict[str, float]:
+def simulated(campaign: Campaign, scene: Scene, record: Document) -> dict[str, float]:
     """Return amplitudes [m] of the beam by simulation at the excitation and height that were measured, with error bars.
 
     The bar has what the motion's irregularity leaves to chance within a measurement, and what the errors of
@@ -231,10 +230,11 @@ def simulated(campaign: Campaign, scene: Scene, record: Mapping[str, Any]) -> di
         if error > 0.0 and not (place == 2 and given[2] <= lowest + 2.0 * error):  # a closed ceiling holds the grain
             parts.append(abs(steady_amplitude(own, beside, campaign.rules.measure_periods)[0] - found))
     return {
-        "simulated_amplitude": found, "simulated_amplitude_std": math.hypot(*parts),
+        "simulated_amplitude": found,
+        "simulated_amplitude_std": math.hypot(*parts),
         "closed_amplitude": own.linear_amplitude(*given[:2], grain=True),
         "bare_amplitude": own.linear_amplitude(*given[:2], grain=False),
-    }  # fmt: skip
+    }
 
 
 def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tuple[float, float]:
@@ -260,6 +260,6 @@ def steady_amplitude(scene: Scene, given: Sequence[float], periods: int) -> tupl
     except NumericalFailure:
         return math.nan, math.nan
     length = round(periods * _SAMPLES)
-    parts = [amplitude_of(beam[at : at + length], rate, frequency).value
-             for at in range(0, beam.size - length + 1, length)]  # fmt: skip
+    begins = range(0, beam.size - length + 1, length)
+    parts = [_amplitude_of(beam[at : at + length], rate, frequency).value for at in begins]
     return float(np.mean(parts)), float(np.std(parts, ddof=1))

@@ -22,9 +22,12 @@ from atpid_control.stand.parameters import PlantFailedError
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import Progress
 
+_Paused = Callable[[], bool]
+_Opener = Callable[[Point], Stand]
+
 
 @contextmanager
-def pause_by_signal() -> Iterator[Callable[[], bool]]:
+def pause_by_signal() -> Iterator[_Paused]:
     """Yield whether the campaign pauses: SIGUSR1 pauses it after the point being measured, and lets it go on."""
     paused = False
 
@@ -50,9 +53,8 @@ class Done(NamedTuple):
 
 
 def run_campaign(
-    campaign: Campaign, scene: Scene, folder: CampaignFolder, open_stand: Callable[[Point], Stand], progress: Progress,
-    paused: Callable[[], bool],
-) -> Done:  # fmt: skip
+    campaign: Campaign, scene: Scene, folder: CampaignFolder, open_stand: _Opener, progress: Progress, paused: _Paused
+) -> Done:
     """Measure the points that are not there yet; the folder is open.
 
     open_stand: opens the stand with a point's grain. Raises CampaignError where a person is needed and none is there,
@@ -113,11 +115,10 @@ def _measure(campaign: Campaign, scene: Scene, stand: Stand, folder: CampaignFol
         if judge.bad:
             to_stderr(f"point {point.text}: bad: {judge.bad}")
         status = MEASURED if not judge.bad else BAD if attempt <= campaign.rules.repeat_bad else SKIPPED
-        folder.keep(part, {
-            "number": point.number, "status": status, "reason": judge.bad, "point": point.text, "attempt": attempt,
-            **{f"wanted_{key}": value for key, value in asdict(point).items() if key != "number"}, **result,
-            "events": judge.events, "measured_at": begun, "wall_s": time.time() - begun,
-        })  # fmt: skip
+        about = {"number": point.number, "status": status, "reason": judge.bad, "point": point.text, "attempt": attempt}
+        wanted = {f"wanted_{key}": value for key, value in asdict(point).items() if key != "number"}
+        times = {"measured_at": begun, "wall_s": time.time() - begun}
+        folder.keep(part, {**about, **wanted, **result, "events": judge.events, **times})
         if judge.bad and (fault := stand.fault()):
             if campaign.rules.on_fault == "end":
                 raise CampaignError(f"{fault}; rules.on_fault is end: see to it, then give the same command again")

@@ -13,6 +13,7 @@ from typing import Any
 
 from atpid_campaign.campaign.plan import Campaign, Point, from_rest
 from atpid_campaign.campaign.result import Judge
+from atpid_common.files import Document
 from atpid_common.vocabulary import Mode
 from atpid_control.identification import Estimate
 from atpid_control.selection.map_cache import map_for
@@ -71,17 +72,17 @@ class Feed:
                 self.judge.bad = f"the motor's fault: {message.fault}"
         elif kind == "Excitation":
             self.last = time.monotonic()
-            self.judge.push(estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
+            self.judge.push(_estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
 
 
-def estimate_of(message: Any) -> Estimate:
+#: What a judge needs of an estimate, beside its time.
+_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
+
+
+def _estimate_of(message: Any) -> Estimate:
     """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
-    stamp = message.header.stamp
-    return Estimate(
-        time=stamp.sec + 1e-9 * stamp.nanosec, quality=message.quality, amplitude=message.amplitude,
-        amplitude_std=message.amplitude_std, frequency=message.frequency, frequency_std=message.frequency_std,
-        lost=message.lost, beam_amplitude=message.beam_amplitude,
-    )  # fmt: skip
+    stamp, known = message.header.stamp, {name: getattr(message, name) for name in _MEASURED}
+    return Estimate(time=stamp.sec + 1e-9 * stamp.nanosec, **known)
 
 
 class _OverError(Exception):
@@ -101,7 +102,7 @@ class SimulatedStand(Stand):
 
         rules = self._campaign.rules
         duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
-        scene = point_scene(self._scene, point, duration, self._campaign.seed)
+        scene = _point_scene(self._scene, point, duration, self._campaign.seed)
         file = folder / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_for(scene, file, map_for(scene), folder / "bag", lockstep=True)
@@ -120,9 +121,9 @@ class SimulatedStand(Stand):
             judge.bad = f"the run ended before the point was measured: {judge.missing}"
 
 
-def point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
+def _point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
     """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
-    changes: dict[str, Any] = {"duration": duration, "steady_window": [0.5 * duration, duration]}
+    changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
     if point.is_method:
         changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
     changes |= {"seed": 1000 * seed + scene.seed + point.number, "mass_fraction": point.mass_fraction}

@@ -115,7 +115,6 @@ def block(findings: Sequence[Finding]) -> str:
     return "\n".join(lines).replace(f"{Path.home()}/", "~/")
 
 
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --port /dev/ttyACM0"
 
 

@@ -8,7 +8,6 @@ import stat
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any
 
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged, judged_calibration, reach_of
 from atpid_control.supervision.loop_check import Ceiling, disagreements
@@ -44,16 +43,16 @@ def _closed(at: Subject, port: Path) -> Finding | None:
     """Return why a port cannot be opened, or must not: a program that has not locked it would be disturbed."""
     if not port.exists():
         found = [f"/{path.relative_to(at.root)}" for pattern in _LISTED for path in at.files(pattern)]
-        return judged(f"{port} is not there; there are: {', '.join(found) or 'no serial ports'}",
-                      "plug the board in, or give --port", fails=True)  # fmt: skip
+        text = f"{port} is not there; there are: {', '.join(found) or 'no serial ports'}"
+        return judged(text, "plug the board in, or give --port", fails=True)
     if not stat.S_ISCHR(port.stat().st_mode):
         return judged(f"{port} is no serial port", "give --port", fails=True)
     if not os.access(port, os.R_OK | os.W_OK, effective_ids=True):
         group = "dialout"  # on other distributions uucp
         with suppress(KeyError):
             group = grp.getgrgid(port.stat().st_gid).gr_name
-        return judged(f"{port} may not be opened by this user", f"sudo usermod -aG {group} $USER, then log in again",
-                      fails=True)  # fmt: skip
+        mend = f"sudo usermod -aG {group} $USER, then log in again"
+        return judged(f"{port} may not be opened by this user", mend, fails=True)
     device, holders = str(port.resolve()), []
     for process in at.files("proc/[0-9]*"):
         with suppress(OSError):  # of another user, or ended
@@ -69,16 +68,16 @@ def travel(at: Subject) -> Iterator[Finding]:
     motor = at.settings(MotorSettings, "motor_node")
     own = Ceiling(motor.lowest, motor.highest, motor.speed)
     lines = disagreements(Ceiling(*ceiling.range, ceiling.speed), own)
-    yield judged("; ".join(lines) or "the scene's ceiling is inside the motor's range",
-                 "change the scene, or the motor's parameter file and firmware", fails=bool(lines))  # fmt: skip
+    text = "; ".join(lines) or "the scene's ceiling is inside the motor's range"
+    yield judged(text, "change the scene, or the motor's parameter file and firmware", fails=bool(lines))
 
 
 def labjack(at: Subject) -> Iterator[Finding]:
     """Check LabJack's library, the rights to its USB devices, and the T7 itself, which is opened and closed."""
     yield from _opened(at, "labjack_node")
     if not any(at.files(f"{folder}/udev/rules.d/*abjack*") for folder in ("etc", "lib", "usr/lib")):
-        yield judged("no udev rule of LabJack: its USB devices are root's", "install LJM with its own installer",
-                     degrades=True)  # fmt: skip
+        text = "no udev rule of LabJack: its USB devices are root's"
+        yield judged(text, "install LJM with its own installer", degrades=True)
 
 
 def ni(at: Subject) -> Iterator[Finding]:
@@ -90,7 +89,7 @@ def ni(at: Subject) -> Iterator[Finding]:
 
 def _opened(at: Subject, node: str) -> Iterator[Finding]:
     """Open a node's device and close it. Raises AcquisitionError: no library, no device, another one."""
-    values: dict[str, Any] = at.parameters[node]
+    values = at.parameters[node]
     with closing(create(values["backend"], values | wired(values))) as device:
         identity = device.open()
     text = f"{identity} answers{'' if values.get('serial') else '; serial 0: any device is taken'}"
@@ -113,8 +112,8 @@ def ranges(at: Subject) -> Iterator[Finding]:
     for one in _calibrations(at):
         if one.channel in reached:
             reach, amplitude = reach_of(one), reached[one.channel]
-            yield judged(f"{one.channel}: reads ±{reach:.3g} {one.unit}, the scene's closed damper ±{amplitude:.3g}",
-                         "a sensor of a larger range, or a smaller amplitude", degrades=amplitude > reach)  # fmt: skip
+            text = f"{one.channel}: reads ±{reach:.3g} {one.unit}, the scene's closed damper ±{amplitude:.3g}"
+            yield judged(text, "a sensor of a larger range, or a smaller amplitude", degrades=amplitude > reach)
 
 
 def _calibrations(at: Subject) -> Iterator[Calibration]:

@@ -73,8 +73,8 @@ def workspace(at: Subject) -> Iterator[Finding]:
         _ = part.executable  # raises BenchError
     missing = [name for name in ("env", "setpriv") if shutil.which(name) is None]
     if missing:
-        yield judged(f"{', '.join(missing)} not on the path: no node can be started", "sudo apt install util-linux",
-                     fails=True)  # fmt: skip
+        text = f"{', '.join(missing)} not on the path: no node can be started"
+        yield judged(text, "sudo apt install util-linux", fails=True)
     folder = _workspace()
     machine = runpy.run_path(str(folder / "machine.py"))  # of set-up, whose keys these are
     built = set(machine["read_stamp"](folder / "install/stamp").split())
@@ -83,8 +83,8 @@ def workspace(at: Subject) -> Iterator[Finding]:
     stale = [path.name for path in sources if machine["package_key"](path) not in built]
     yield judged(f"sourced; older than its sources: {', '.join(stale) or 'none'}", "make setup", degrades=bool(stale))
     if not Path(__file__).resolve().is_relative_to(folder.parent):
-        yield judged("code of another folder runs than that of the workspace", "take it out of PYTHONPATH",
-                     degrades=True)  # fmt: skip
+        text = "code of another folder runs than that of the workspace"
+        yield judged(text, "take it out of PYTHONPATH", degrades=True)
 
 
 def middleware(at: Subject) -> Iterator[Finding]:
@@ -95,19 +95,19 @@ def middleware(at: Subject) -> Iterator[Finding]:
     if (distribution := given("ROS_DISTRO", "jazzy")) != "jazzy":
         yield judged(f"ROS {distribution} is sourced", "use a shell in which it is not, or ROS 2 Jazzy", fails=True)
     name = given("RMW_IMPLEMENTATION") or FAST_DDS[0]
-    there = bool(has_resource("packages", name))
-    yield judged(f"middleware {name} is {'' if there else 'not '}installed", "unset RMW_IMPLEMENTATION",
-                 fails=not there, degrades=name not in (*FAST_DDS, CYCLONE_DDS))  # fmt: skip
+    there, known = bool(has_resource("packages", name)), name in (*FAST_DDS, CYCLONE_DDS)
+    text = f"middleware {name} is {'' if there else 'not '}installed"
+    yield judged(text, "unset RMW_IMPLEMENTATION", fails=not there, degrades=not known)
     yield from _network(at)
     domain = named_domain() or 0  # raises DomainError
     quiet = is_quiet(domain)
-    yield judged(f"domain {domain}{'' if quiet else ', in which programs run already'}",
-                 f"end them, or set ROS_DOMAIN_ID to another of 0 to {HIGHEST}: Linux gives away the ports above",
-                 degrades=domain > HIGHEST or not quiet)  # fmt: skip
+    mend = f"end them, or set ROS_DOMAIN_ID to another of 0 to {HIGHEST}: Linux gives away the ports above"
+    text = f"domain {domain}{'' if quiet else ', in which programs run already'}"
+    yield judged(text, mend, degrades=domain > HIGHEST or not quiet)
     if given("ROS_SECURITY_ENABLE", "").lower() == "true":
         keys = (Path(given("ROS_SECURITY_KEYSTORE", "")) / "enclaves").is_dir()
-        yield judged(f"security on, keys {'' if keys else 'not '}found", "ROS_SECURITY_KEYSTORE (docs/security.md)",
-                     fails=not keys)  # fmt: skip
+        text = f"security on, keys {'' if keys else 'not '}found"
+        yield judged(text, "ROS_SECURITY_KEYSTORE (docs/security.md)", fails=not keys)
 
 
 def _network(at: Subject) -> Iterator[Finding]:
@@ -116,26 +116,25 @@ def _network(at: Subject) -> Iterator[Finding]:
     profile = os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(PROFILE))
     local = given in ("LOCALHOST", "OFF") or os.environ.get("ROS_LOCALHOST_ONLY") == "1"
     if not Path(profile).is_file():
-        yield judged(f"{profile}, the profile of Fast DDS, is missing", "unset FASTRTPS_DEFAULT_PROFILES_FILE",
-                     fails=True)  # fmt: skip
+        text = f"{profile}, the profile of Fast DDS, is missing"
+        yield judged(text, "unset FASTRTPS_DEFAULT_PROFILES_FILE", fails=True)
     wide = given == "SUBNET" and not local
     weak = " to every computer of the network" + ", with wheels that lack fixes of 2025" * _of_wheels()
-    yield judged(f"range of discovery {given}{weak * wide}",
-                 f"ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST; of {', '.join(_RANGES)}", fails=given not in _RANGES,
-                 degrades=wide)  # fmt: skip
+    mend = f"ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST; of {', '.join(_RANGES)}"
+    yield judged(f"range of discovery {given}{weak * wide}", mend, fails=given not in _RANGES, degrades=wide)
     flags = {path.parent.name: int(text, 16) for path, text in at.texts("sys/class/net/*/flags")}
     if not flags.get("lo", 0) & _UP:
         yield judged("the loopback interface is down: no node finds another", "sudo ip link set lo up", fails=True)
     if not local and not any(flag & _UP and flag & _MULTICAST for name, flag in flags.items() if name != "lo"):
-        yield judged("no interface with multicast is up: nodes on other computers are not found",
-                     "sudo ip link set IF up multicast on", degrades=True)  # fmt: skip
+        text = "no interface with multicast is up: nodes on other computers are not found"
+        yield judged(text, "sudo ip link set IF up multicast on", degrades=True)
 
 
 def nodes(at: Subject) -> Iterator[Finding]:
     """Check that no node of the stand runs already."""
     found = at.running()
-    yield judged(f"run already: {', '.join(found) or 'none'}", "end them, or set another ROS_DOMAIN_ID",
-                 fails=bool(found))  # fmt: skip
+    text = f"run already: {', '.join(found) or 'none'}"
+    yield judged(text, "end them, or set another ROS_DOMAIN_ID", fails=bool(found))
 
 
 def scene(at: Subject) -> Iterator[Finding]:
@@ -146,8 +145,8 @@ def scene(at: Subject) -> Iterator[Finding]:
     for line in at.scene.warnings():
         yield judged(line, "correct the scene", degrades=True)
     moved = "" if at.scene.ceiling.controlled else "; its ceiling has no controller: the height stays"
-    yield judged(f"valid, {at.scene.natural_frequency_hz:.3g} Hz closed{moved}", "ceiling: {controller: lookup, …}",
-                 degrades=bool(moved))  # fmt: skip
+    text = f"valid, {at.scene.natural_frequency_hz:.3g} Hz closed{moved}"
+    yield judged(text, "ceiling: {controller: lookup, …}", degrades=bool(moved))
     if at.options.map:
         method = at.given.get("selector_node", {}).get("method", "")
         map_of_run(at.scene, at.options.map, method)  # raises InputError: no map, or of another system
@@ -160,8 +159,8 @@ def parameters(at: Subject) -> Iterator[Finding]:
 
     levels = at.parameters["supervisor_node"]
     found = [name for name in QUANTITIES if levels.get(f"{name}_abort", float("inf")) < float("inf")]
-    yield judged(f"abort levels: {', '.join(found) or 'none: however far the beam moves, the motor stays on'}",
-                 "set those of your stand with --params-file (docs/graph.md, Levels)", degrades=not found)  # fmt: skip
+    text = f"abort levels: {', '.join(found) or 'none: however far the beam moves, the motor stays on'}"
+    yield judged(text, "set those of your stand with --params-file (docs/graph.md, Levels)", degrades=not found)
 
 
 #: Memory that the stand's nodes take [bytes].
@@ -176,8 +175,11 @@ _RESERVE = 5e8
 _STEP = 0.005
 _OLDEST = 1_700_000_000  # before this software was written [s since 1970]
 #: Files that are there while a program keeps the wall clock.
-_KEEPERS = {"systemd-timesyncd": "run/systemd/timesync/synchronized", "chrony": "run/chrony/chronyd.pid",
-            "ntpd": "run/ntpd.pid"}  # fmt: skip
+_KEEPERS = {
+    "systemd-timesyncd": "run/systemd/timesync/synchronized",
+    "chrony": "run/chrony/chronyd.pid",
+    "ntpd": "run/ntpd.pid",
+}
 
 
 def real_time(at: Subject) -> Iterator[Finding]:
@@ -186,30 +188,29 @@ def real_time(at: Subject) -> Iterator[Finding]:
     yield judged(reason or f"real-time priority {LOOP_PRIORITY} is allowed", remedy, degrades=bool(reason))
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if any(values.get("lock_memory") for values in at.parameters.values()):
-        yield judged(f"memory that may be locked: {limit / 1e6:.0f} MB" if limit >= 0 else "any memory may be locked",
-                     "memlock in /etc/security/limits.conf", degrades=0 <= limit < _NODES)  # fmt: skip
+        text = f"memory that may be locked: {limit / 1e6:.0f} MB" if limit >= 0 else "any memory may be locked"
+        yield judged(text, "memlock in /etc/security/limits.conf", degrades=0 <= limit < _NODES)
 
 
 def usb(at: Subject) -> Iterator[Finding]:
     """Check how long USB serial chips hold short answers back, and who else opens ports."""
     for path, held in at.texts("sys/bus/usb-serial/devices/*/latency_timer"):
-        yield judged(f"{path.parent.name} holds answers back for {held} ms",
-                     f"echo 1 | sudo tee /{path.relative_to(at.root)}", degrades=int(held) > 1)  # fmt: skip
+        mend = f"echo 1 | sudo tee /{path.relative_to(at.root)}"
+        yield judged(f"{path.parent.name} holds answers back for {held} ms", mend, degrades=int(held) > 1)
     runs = any(text == "ModemManager" for _, text in at.texts("proc/[0-9]*/comm"))
-    yield judged(f"ModemManager {'runs: it writes to a board that is plugged in' if runs else 'does not run'}",
-                 'ENV{ID_MM_DEVICE_IGNORE}="1" in the udev rule (docs/stand.md)', degrades=runs)  # fmt: skip
+    text = f"ModemManager {'runs: it writes to a board that is plugged in' if runs else 'does not run'}"
+    yield judged(text, 'ENV{ID_MM_DEVICE_IGNORE}="1" in the udev rule (docs/stand.md)', degrades=runs)
 
 
 def clock(at: Subject) -> Iterator[Finding]:
     """Check that the wall clock is right, is kept so, and was not set since the checks began."""
     ahead = ((time.time_ns() - at.begun[0]) - (time.monotonic_ns() - at.begun[1])) * 1e-9
     if abs(ahead) > _STEP:
-        yield judged(f"the wall clock was set by {ahead:+.3f} s during the checks", "wait until it is synchronised",
-                     degrades=True)  # fmt: skip
+        text = f"the wall clock was set by {ahead:+.3f} s during the checks"
+        yield judged(text, "wait until it is synchronised", degrades=True)
     year, kept = time.gmtime(at.begun[0] / 1e9).tm_year, [name for name, path in _KEEPERS.items() if at.files(path)]
-    yield judged(f"the wall clock shows {year}, kept by {', '.join(kept) or 'nothing'}",
-                 "sudo timedatectl set-ntp true, or chrony", fails=at.begun[0] < 1e9 * _OLDEST,
-                 degrades=not kept)  # fmt: skip
+    text, old = f"the wall clock shows {year}, kept by {', '.join(kept) or 'nothing'}", at.begun[0] < 1e9 * _OLDEST
+    yield judged(text, "sudo timedatectl set-ntp true, or chrony", fails=old, degrades=not kept)
 
 
 def disk(at: Subject) -> Iterator[Finding]:
@@ -226,9 +227,8 @@ def disk(at: Subject) -> Iterator[Finding]:
     except OSError as error:
         yield judged(f"{bag} cannot be written: {error.strerror}", "give another --bag", fails=True)
         return
-    rate = _MESSAGES + sum(
-        values["rate"] * len(values["channels"]) * _READING for values in at.parameters.values() if "channels" in values
-    )
+    sampled = [values for values in at.parameters.values() if "channels" in values]
+    rate = _MESSAGES + sum(values["rate"] * len(values["channels"]) * _READING for values in sampled)
     needed = rate * 3600.0 * at.options.hours
     text = f"{free / 1e9:.1f} GB free; {at.options.hours:g} h at {rate / 1e3:.0f} kB/s take up to {needed / 1e9:.2f} GB"
     yield judged(text, "make room, or give another --bag", fails=free < needed, degrades=free < needed + _RESERVE)

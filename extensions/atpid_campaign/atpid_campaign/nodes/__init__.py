@@ -45,22 +45,24 @@ _ANSWER = 30.0
 _LOOK = 0.05
 
 
-class CampaignWatch(BenchWatch):
+class _CampaignWatch(BenchWatch):
     """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(to_stderr, **node_options)
-        self.received: deque[Any] = deque(maxlen=10_000)
+        self.received: deque[Event | Excitation | CeilingState] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
         self.plant: PlantTruth | None = None  # a simulated one that has published waits for its loop
         self._asked = ExcitationCommand(kind=ExcitationCommand.OFF)
         self._commands = self.create_publisher(ExcitationCommand, "excitation/command", STATES)
         for kind, topic, name, profile in (
-            (Event, "events", "", EVENTS), (Excitation, "excitation", "", STATES),
-            (CeilingState, "ceiling/state", "ceiling", STATES), (PlantTruth, "plant/truth", "plant", STATES),
+            (Event, "events", "", EVENTS),
+            (Excitation, "excitation", "", STATES),
+            (CeilingState, "ceiling/state", "ceiling", STATES),
+            (PlantTruth, "plant/truth", "plant", STATES),
             (ExcitationState, "excitation/state", "exciter", STATES),
             (RecorderStatus, "recorder/status", "recorder", STATUS),
-        ):  # fmt: skip
+        ):
             subscribe(self, kind, topic, partial(self._take, name), profile)
         self._selector = AsyncParameterClient(self, "selector_node")
         self._timer = self.create_timer(_PERIOD, self._command, clock=STEADY)
@@ -68,20 +70,18 @@ class CampaignWatch(BenchWatch):
     def excite(self, amplitude: float, frequency: float) -> None:
         """Command a tone of `amplitude` [m, N] at `frequency` [Hz], held on what is identified; 0: off."""
         kind = ExcitationCommand.SINE if amplitude else ExcitationCommand.OFF
-        nan = float("nan")
-        self._asked = ExcitationCommand(
-            sequence=self._asked.sequence + 1, kind=kind, hold=bool(amplitude), amplitude=amplitude,
-            frequency=frequency, end_frequency=nan, duration=nan,
-        )  # fmt: skip
+        asked = ExcitationCommand(sequence=self._asked.sequence + 1, kind=kind, hold=bool(amplitude))
+        asked.amplitude, asked.frequency = amplitude, frequency
+        asked.end_frequency = asked.duration = float("nan")
+        self._asked = asked
         self._command()
 
     def select(self, method: str, height: float) -> None:
         """Let the selector send the ceiling to `height` [m], or for 0 where `method` has it. Raises BenchError."""
         values = {"manual_height": height} | ({"method": method} if method else {})
         made = [Parameter(name, value=value) for name, value in values.items()]
-        answer = _answered(
-            self._selector.services_are_ready, lambda: self._selector.set_parameters(made), "selector_node"
-        )
+        ready, ask = self._selector.services_are_ready, partial(self._selector.set_parameters, made)
+        answer = _answered(ready, ask, "selector_node")
         if refused := [result.reason for result in answer.results if not result.successful]:
             raise BenchError(f"the selector refuses {values}: {refused[0]}")
 
@@ -102,7 +102,7 @@ class CampaignWatch(BenchWatch):
                 return str(answer.message)
         return ""
 
-    def _take(self, name: str, message: Any) -> None:
+    def _take(self, name: str, message: object) -> None:
         if name:
             setattr(self, name, message)
         if isinstance(message, Event | Excitation | CeilingState):
@@ -128,10 +128,10 @@ def _answered(ready: Callable[[], bool], call: Callable[[], Future], name: str) 
 
 
 @contextmanager
-def taking_part(namespace: str = "") -> Iterator[CampaignWatch]:
+def taking_part(namespace: str = "") -> Iterator[_CampaignWatch]:
     """Yield the node, which works in a thread: the excitation goes on while a bag is read."""
     ended = threading.Event()
-    with command_node(lambda: CampaignWatch(namespace=namespace), *QUIET) as (watch, executor):
+    with command_node(lambda: _CampaignWatch(namespace=namespace), *QUIET) as (watch, executor):
 
         def work() -> None:
             while not ended.is_set():

@@ -4,19 +4,11 @@
 
 from atpid_common.cli import Commands
 
+_HERE = "atpid_dynamics.commands"
 COMMANDS: Commands = {
     "Simulate, choose a height, design": {
-        "sweep": (
-            "atpid_dynamics.commands.sweep",
-            "the steady motions over many heights, support amplitudes and grain masses",
-        ),
-        "basin": (
-            "atpid_dynamics.commands.basin",
-            "the share of kicks or initial states that come to the steady motion",
-        ),
-        "cliffs": (
-            "atpid_dynamics.commands.cliffs",
-            "follow a periodic motion over the height, and the cliff where it ends",
-        ),
+        "sweep": (f"{_HERE}.sweep", "the steady motions over many heights, support amplitudes and grain masses"),
+        "basin": (f"{_HERE}.basin", "the share of kicks or initial states that come to the steady motion"),
+        "cliffs": (f"{_HERE}.cliffs", "follow a periodic motion over the height, and the cliff where it ends"),
     },
 }

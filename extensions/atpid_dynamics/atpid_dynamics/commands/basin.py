@@ -7,10 +7,11 @@ import json
 from dataclasses import asdict
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from atpid_common import output
 from atpid_common.arguments import MOST_SEED, file_path, positive, real, whole
+from atpid_common.files import Document
 from atpid_sim.commands.map import amplitudes_of
 from atpid_sim.commands.options import add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 #: Size of a kick where neither that nor a box is given [m/s].
 _KICK = 0.1
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.1:0.16:4 --kick 0.1"
 
 
@@ -33,9 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     heights = parser.add_mutually_exclusive_group()
     heights.add_argument("--height", type=positive("m"), metavar="H", help="of the ceiling [m]; default: the scene's")
     heights.add_argument("--heights", type=amplitudes_of, metavar="H0:H1:N", help="N heights from H0 to H1 [m]")
-    parser.add_argument(
-        "--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N amplitudes of the drive [m or N]"
-    )
+    drives = "N amplitudes of the drive [m or N]"
+    parser.add_argument("--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help=drives)
     starts = parser.add_mutually_exclusive_group()
     help_kick = "start from the promised motion at any phase, kicked by V [m/s]; default: 0.1"
     starts.add_argument("--kick", type=real(0.0, 1e3, "m/s", above=True), metavar="V", help=help_kick)
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     work = partial(_at, scene, starts, args.error, args.starts, args.seed)
     with counting("basins", len(jobs)) as count:
         found = Batch(work, jobs).run(workers_of(args), count)
-    rows: list[dict[str, Any]] = [output.finite(asdict(one)) for one in found]
+    rows: list[Document] = [output.finite(asdict(one)) for one in found]
     write_table(rows, args.out)
     if args.json:
         print(json.dumps(rows, allow_nan=False))

@@ -6,12 +6,12 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, rising
+from atpid_common.files import Document
 from atpid_sim.commands.options import add_table, write_table
 from atpid_sim.display import working
 from atpid_sim.figure_style import drawn
@@ -21,7 +21,6 @@ from atpid_sim.scene import Scene, SceneError, load_scene
 _CURVES = "branch", "bifurcation", "cliff"
 #: Tolerance of the runs that make up a return map.
 _RTOL = 1e-10
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --height 0.19:0.3 --frequencies 5.2:5.75 --picture cliffs.png"
 
 
@@ -32,10 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help_height = "heights [m]; followed is the motion that the scene ends in at LO"
     parser.add_argument("--height", type=heights, required=True, metavar="LO:HI", help=help_height)
     second = parser.add_mutually_exclusive_group()
-    help_amplitudes = (
-        "follow the cliff over these amplitudes of the support [m] or of the force [N], around the scene's"
-    )
-    second.add_argument("--amplitudes", type=heights, metavar="LO:HI", help=help_amplitudes)
+    drives = "follow the cliff over these amplitudes of the support [m] or of the force [N], around the scene's"
+    second.add_argument("--amplitudes", type=heights, metavar="LO:HI", help=drives)
     frequencies = rising(0.0, 1e6, "LO:HI with 0 < LO < HI, at most 1e6 Hz", closed=False)
     help_frequencies = "follow it over these frequencies [Hz], around the scene's"
     second.add_argument("--frequencies", type=frequencies, metavar="LO:HI", help=help_frequencies)
@@ -70,7 +67,7 @@ def points(
     heights: tuple[float, float],
     amplitudes: tuple[float, float] | None = None,
     frequencies: tuple[float, float] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Document]:
     """Return the points of the branch over the heights [m], its bifurcations, and its cliff over a second parameter.
 
     `stable` is whether a motion of the branch is, or whether a bifurcation ends the stability. Raises SceneError,
@@ -103,16 +100,15 @@ def points(
         ranges = {"height": (2.0 * scene.grain.radius, heights[1]), name: span}
         curve = follow_cliff(integration, branch.cliff, ranges)
         parts += [("cliff", each.motion, each.loss.name, True) for each in curve]
-    return [
-        {
-            "curve": curve_name, **each.conditions._asdict(), "beam_amplitude": each.amplitude,
-            "largest_multiplier": each.largest_multiplier, "what": what.lower(), "stable": stable,
-        }
-        for curve_name, each, what, stable in parts
-    ]  # fmt: skip
+    rows = []
+    for curve_name, each, what, stable in parts:
+        sizes = {"beam_amplitude": each.amplitude, "largest_multiplier": each.largest_multiplier}
+        of_kind = {"what": what.lower(), "stable": stable}
+        rows.append({"curve": curve_name, **each.conditions._asdict(), **sizes, **of_kind})
+    return rows
 
 
-def draw(rows: list[dict[str, Any]], second: str, path: Path, drive: str = "support") -> None:
+def draw(rows: list[Document], second: str, path: Path, drive: str = "support") -> None:
     """Draw the points that `points` returns, the cliff over the drive's parameter `second`. Raises OutputError."""
     unit, scale = ("Hz", 1.0) if second == "frequency" else ("N", 1.0) if drive == "force" else ("mm", 1e3)
     branch, bifurcations, cliff = ([row for row in rows if row["curve"] == name] for name in _CURVES)

@@ -5,19 +5,18 @@
 import argparse
 import json
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path
+from atpid_common.files import Document
 from atpid_sim.commands.map import amplitudes_of, mass_fractions_of
 from atpid_sim.commands.options import add_accuracy, add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.batch import beside
 
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/standard.yaml --heights 0.05:0.15:101 --out sweep.csv"
 
 
@@ -44,11 +43,9 @@ def run(args: argparse.Namespace) -> int:
         output.file(args.out, replace=args.force)
     scenes = cases(scene, args.mass_fractions, args.amplitudes)
     with counting("heights", len(scenes) * len(args.heights)) as count:
-        done = over_heights(
-            scenes, np.array(args.heights), args.fidelity, args.rtol, workers_of(args), count,
-            None if args.out is None else beside(args.out),
-        )  # fmt: skip
-    rows: list[dict[str, Any]] = []
+        heights, journal = np.array(args.heights), None if args.out is None else beside(args.out)
+        done = over_heights(scenes, heights, args.fidelity, args.rtol, workers_of(args), count, journal)
+    rows: list[Document] = []
     for each, one in zip(scenes, done, strict=True):
         columns = [field.name for field in fields(HeightSweep) if field.name != "fidelity"]
         for values in zip(*(getattr(one, name).tolist() for name in columns), strict=True):

@@ -12,7 +12,7 @@ from atpid_exciter.excitation.settings import Command, ExcitationSettings, Float
 from atpid_exciter.excitation.signals import Generator, resampled, unit_signal
 
 #: A turn that comes later than this begins anew: nothing is made up for [s].
-MOST_LATE = 1.0
+_MOST_LATE = 1.0
 NOWHERE = Point(0.0, 0.0)
 
 
@@ -116,7 +116,7 @@ class SimulatedDrive(ExcitationDrive):
     def turn(self, now: int, /) -> Output:
         """See ExcitationDrive."""
         elapsed, self._now = (0.0 if self._now is None else (now - self._now) * 1e-9), now
-        self._generator.advance(min(max(elapsed, 0.0), MOST_LATE))
+        self._generator.advance(min(max(elapsed, 0.0), _MOST_LATE))
         return output_of(self._generator) if self._connected else Output(ExciterMode.UNCONFIGURED)
 
     def off(self) -> None:
@@ -135,7 +135,8 @@ class SimulatedDrive(ExcitationDrive):
 
 def output_of(generator: Generator, volts: float = nan) -> Output:
     """Return what a generator puts out."""
-    command = generator.command
-    return Output(generator.mode, command.kind, command.sequence, generator.amplitude,
-                  generator.frequency if generator.amplitude else 0.0, generator.commanded, volts,
-                  generator.clamp.limited, generator.ended)  # fmt: skip
+    command, now = generator.command, (generator.amplitude, generator.frequency if generator.amplitude else 0.0)
+    limited = generator.clamp.limited
+    return Output(
+        generator.mode, command.kind, command.sequence, *now, generator.commanded, volts, limited, generator.ended
+    )

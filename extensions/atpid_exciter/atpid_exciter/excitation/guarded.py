@@ -149,7 +149,7 @@ class GuardedDrive(ExcitationDrive):
             self._output, self._asked = value, None
         return name, value
 
-    def _wait(self, name: str, seconds: float) -> Any:
+    def _wait(self, name: str, seconds: float) -> object:
         """Return the answer of that name, within `seconds` [s]. Raises OutputLostError."""
         end = time.monotonic() + seconds
         while self._partner is not None and self._partner.poll(max(0.0, end - time.monotonic())):

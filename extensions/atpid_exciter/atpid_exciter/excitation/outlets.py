@@ -52,7 +52,7 @@ def load_library(settings: ExcitationSettings) -> None:
     (nidaqmx.load_nidaqmx if settings.backend == "nidaqmx" else labjack.load_ljm)(settings.library)
 
 
-class Outlet(ABC):
+class _Outlet(ABC):
     """The voltage of one output. All calls come from one thread; any may raise DriverError."""
 
     lead = 0.0  # from a change of the generator to that of the output [s]
@@ -83,7 +83,7 @@ class Outlet(ABC):
         return np.clip(volts_of(self._calibration, values), *self._calibration.limits_volts)
 
 
-class _T7(labjack.T7, Outlet):
+class _T7(labjack.T7, _Outlet):
     """What both outputs of a T7 share: the device, and the watchdog that switches its outputs off by itself."""
 
     _resets = False  # whether the watchdog resets the device, which also ends a stream
@@ -91,7 +91,6 @@ class _T7(labjack.T7, Outlet):
     _dacs: tuple[str, ...] = ()  # that rest: the signal's, and the other of a streamed one; none: the T7 is not ours
 
     def open(self) -> str:
-        """See Outlet."""
         settings = self._settings
         if settings.terminal not in _DACS:
             raise SetupRefusedError(f"terminal: given {settings.terminal!r}; allowed: DAC0 or DAC1")
@@ -135,11 +134,10 @@ class _T7(labjack.T7, Outlet):
         self._call("eWriteName", "WATCHDOG_STRICT_CLEAR", float(_KEY))
 
     def rest(self) -> None:
-        """See Outlet."""
         self._call("eWriteNames", len(self._dacs), self._dacs, [self._rest] * len(self._dacs))
 
     def close(self) -> None:
-        """See Outlet. The watchdog is disarmed: the device is idle, and others may use it."""
+        """See _Outlet. The watchdog is disarmed: the device is idle, and others may use it."""
         if self._handle is None:
             return
         try:
@@ -151,7 +149,7 @@ class _T7(labjack.T7, Outlet):
             labjack.call(self._ljm, "close", handle)
 
 
-class T7Level(_T7):
+class _T7Level(_T7):
     """An inverter's speed: the frequency of an eccentric drive, whose amplitude is that of its disc.
 
     The share of the amplitude that the generator's ramp has reached is the share of the frequency.
@@ -160,7 +158,6 @@ class T7Level(_T7):
     _now: float | None = None  # of the last turn [s]
 
     def put(self, generator: Generator, now: float) -> Output:
-        """See Outlet."""
         self._feed(now)
         before, self._now = self._now, now
         generator.advance(0.0 if before is None else max(0.0, now - before))
@@ -174,7 +171,7 @@ class T7Level(_T7):
         return replace(output_of(generator, volts), amplitude=disc, frequency=frequency)
 
 
-class _Streamed(Outlet):
+class _Streamed(_Outlet):
     """What streamed outputs share: samples so far ahead of the clock."""
 
     lead = LEAD
@@ -208,7 +205,7 @@ class T7Stream(_Streamed, _T7):
     _streams = True  # perhaps, that of a process that was killed
 
     def put(self, generator: Generator, now: float) -> Output:
-        """See Outlet."""
+        """See _Outlet."""
         self._feed(now)
         if not self._streams:
             self._begin()
@@ -230,7 +227,7 @@ class T7Stream(_Streamed, _T7):
         super().rest()
 
 
-class NiStream(_Streamed):
+class _NiStream(_Streamed):
     """A shaker amplifier's input from an NI module such as the 9263; no watchdog of its chassis is used."""
 
     def __init__(self, settings: ExcitationSettings, calibration: Calibration) -> None:
@@ -240,7 +237,6 @@ class NiStream(_Streamed):
         self._task: Any = None
 
     def open(self) -> str:
-        """See Outlet."""
         self._nidaqmx = nidaqmx.load_nidaqmx(self._settings.library)
         self.rest()
         return (
@@ -249,7 +245,6 @@ class NiStream(_Streamed):
         )
 
     def put(self, generator: Generator, now: float) -> Output:
-        """See Outlet."""
         with nidaqmx.named_errors(self._nidaqmx):
             starts = self._task is None
             if starts:
@@ -280,7 +275,6 @@ class NiStream(_Streamed):
                 task.close()
 
     def close(self) -> None:
-        """See Outlet."""
         if self._nidaqmx is not None:
             self.rest()
 
@@ -298,6 +292,4 @@ class NiStream(_Streamed):
         return task, writer
 
 
-OUTLETS: dict[str, type[_T7 | NiStream]] = {
-    "labjack_dac": T7Level, "labjack_stream": T7Stream, "nidaqmx": NiStream,
-}  # fmt: skip
+OUTLETS: dict[str, type[_T7 | _NiStream]] = {"labjack_dac": _T7Level, "labjack_stream": T7Stream, "nidaqmx": _NiStream}

@@ -143,9 +143,8 @@ def check(settings: ExcitationSettings, command: Command) -> None:
     if not 0.0 <= amplitude <= highest:
         raise _refused("amplitude", amplitude, f"0 to {highest:g}")
     if settings.backend == "labjack_dac" and amplitude < highest * (1.0 - _AMPLITUDE_MATCH):
-        raise _refused(
-            "amplitude", amplitude, f"{highest:g}, that of the disc; turn the disc and set highest_amplitude"
-        )
+        allowed = f"{highest:g}, that of the disc; turn the disc and set highest_amplitude"
+        raise _refused("amplitude", amplitude, allowed)
     names = {ExciterKind.SINE: ("frequency",), ExciterKind.RECORDED: ()}.get(kind, ("frequency", "end_frequency"))
     low, high = settings.lowest_frequency, settings.highest_frequency
     for name in names:

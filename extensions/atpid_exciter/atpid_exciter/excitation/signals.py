@@ -43,8 +43,8 @@ def read_recorded(path: Path) -> tuple[float, Floats]:
         steps = np.diff(times)
         rate = 1.0 / steps.min() if steps.min() > 0.0 else np.inf
         if rate > _FASTEST or (length := times[-1] - times[0]) > LONGEST or length * rate > MOST_SAMPLES:
-            raise ValueError(f"its times have to rise by {1.0 / _FASTEST:g} s at least, over {LONGEST:g} s at most, to "
-                             f"at most {MOST_SAMPLES} samples of the shortest step")  # fmt: skip
+            most = f"{LONGEST:g} s at most, to at most {MOST_SAMPLES} samples of the shortest step"
+            raise ValueError(f"its times have to rise by {1.0 / _FASTEST:g} s at least, over {most}")
         return float(rate), scaled(np.interp(np.arange(times[0], times[-1], 1.0 / rate), times, values))
     except ValueError as error:
         reason = str(error).splitlines()[0]
@@ -92,7 +92,7 @@ def _table(text: str, delimiter: str | None) -> Floats:
 
 
 #: After so long noise repeats itself [s].
-NOISE_PERIOD = 60.0
+_NOISE_PERIOD = 60.0
 
 
 class Generator:
@@ -250,12 +250,12 @@ def unit_signal(command: Command, rate: float, recorded: Floats | None = None) -
 
 def noise(low: float, high: float, rate: float, seed: int) -> Floats:
     """Return periodic Gaussian noise (n,) at `rate` [Hz], flat between `low` and `high` [Hz], root mean square 1."""
-    count = round(NOISE_PERIOD * rate)
+    count = round(_NOISE_PERIOD * rate)
     lines = np.fft.rfftfreq(count, 1.0 / rate)
     inside = (lines >= low) & (lines <= high)
     if not inside.any() or high >= 0.5 * rate:
         raise CommandRefusedError(
-            f"noise from {low:g} to {high:g} Hz; allowed: a band of at least {1.0 / NOISE_PERIOD:g} Hz below half of "
+            f"noise from {low:g} to {high:g} Hz; allowed: a band of at least {1.0 / _NOISE_PERIOD:g} Hz below half of "
             f"the output's rate, {0.5 * rate:g} Hz"
         )
     draws = np.random.default_rng(seed).standard_normal((2, int(inside.sum())))

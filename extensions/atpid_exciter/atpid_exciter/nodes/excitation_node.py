@@ -41,7 +41,7 @@ from atpid_exciter.excitation.settings import OFF, Command, CommandRefusedError
 #: The node's parameters, as `ExcitationSettings` declares them.
 TABLE = rows_of(ExcitationSettings)
 #: From the last sample to the output that follows from it, beside the window of the estimate [s].
-LOOP_DELAY = 0.2
+_LOOP_DELAY = 0.2
 #: An estimate that is older shows nothing about now [s]; a hold waits for one for so many periods at least.
 FRESH, PERIODS = 0.5, 5.0
 ON = (ExciterMode.RAMPING, ExciterMode.RUNNING)
@@ -57,8 +57,8 @@ def command_of(message: ExcitationCommand) -> Command:
         raise CommandRefusedError(f"kind: given {message.kind}; allowed: 0 to 4, see ExcitationCommand.msg") from None
     if kind is ExciterKind.OFF:
         return OFF
-    return Command(kind, message.amplitude, message.frequency, message.end_frequency, message.duration,
-                   message.seed, message.file, bool(message.hold), message.sequence)  # fmt: skip
+    same = "amplitude", "frequency", "end_frequency", "duration", "seed", "file", "sequence"
+    return Command(kind, hold=bool(message.hold), **{name: getattr(message, name) for name in same})
 
 
 class ExcitationNode(SupervisedNode):
@@ -77,8 +77,8 @@ class ExcitationNode(SupervisedNode):
         except InputError:
             self.leave_graph()
             raise
-        self._hold = Hold(self.settings.hold_tolerance, self.settings.most_correction,
-                          fixed_amplitude=self.settings.backend == "labjack_dac")  # fmt: skip
+        tolerance, most = self.settings.hold_tolerance, self.settings.most_correction
+        self._hold = Hold(tolerance, most, fixed_amplitude=self.settings.backend == "labjack_dac")
         self._command, self._fault, self._measured = OFF, "", (nan, nan)
         self._estimated = 0  # stamp of the last estimate acted on [ns]
         # when there was a usable estimate, when one was due, and when the output was within its limits [ns]
@@ -190,7 +190,7 @@ class ExcitationNode(SupervisedNode):
             self._measured_at, self._seen = self._now(), max(self._seen, self._now())
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not elapsed < 1.0:
             return
-        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + LOOP_DELAY,
+        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY,
                         steady=estimate.quality == Quality.STEADY, limited=self._output.limited)  # fmt: skip
         amplitude, frequency = self._hold.factors
         try:
@@ -279,9 +279,9 @@ class ExcitationNode(SupervisedNode):
 
     def _statuses(self) -> list[DiagnosticStatus]:
         output = self._output
-        values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}",
-                  "frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}",
-                  "error, with hold": f"{self._hold.error:.4f}"}  # fmt: skip
+        values = {"mode": output.mode.name.lower(), "amplitude": f"{output.amplitude:.4g}"}
+        values |= {"frequency [Hz]": f"{output.frequency:.4f}", "output [V]": f"{output.volts:.3f}"}
+        values["error, with hold"] = f"{self._hold.error:.4f}"
         wrong = self._fault or output.mode in (ExciterMode.FAULT, ExciterMode.UNCONFIGURED)
         level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK
         message = self._fault or output.mode.name.lower()

@@ -26,10 +26,9 @@ from atpid_exciter.excitation.signals import read_recorded
 from atpid_sim.scene import Scene, load_scene
 
 #: Between two commands; how long the excitation node may take to be found [s].
-EVERY, FOUND = 0.25, 10.0
+_EVERY, FOUND = 0.25, 10.0
 #: How long the last command may take to be received [s].
 _DELIVERY = 1.0
-#: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --amplitude 0.01 --frequency 5.4 --hold"
 
 
@@ -60,7 +59,7 @@ class Exciter(Node):
             signal.header.stamp = self.get_clock().now().to_msg()
             self._signals.publish(signal)
         self._lifecycle = Question(self.create_client(GetState, "excitation_node/get_state"), self._on_lifecycle)
-        self.create_timer(EVERY, self.send)
+        self.create_timer(_EVERY, self.send)
         self.found = self.armed = False
 
     def send(self) -> None:
@@ -95,14 +94,14 @@ def command_of(args: argparse.Namespace, scene: Scene) -> ExcitationCommand:
     if not 0.0 < amplitude < math.inf:
         raise InputError("--amplitude: given none, and the scene has none; give one")
     tone = ExcitationCommand.SWEEP if args.sweep else ExcitationCommand.SINE
-    return ExcitationCommand(
-        kind=ExcitationCommand.RECORDED if args.recorded else tone, hold=args.hold, amplitude=amplitude,
-        frequency=args.frequency or scene.frequency_hz, end_frequency=args.sweep or math.nan,
-        duration=args.duration if args.sweep else math.nan, sequence=int(time.time()) % 2**31,
-    )  # fmt: skip
+    command = ExcitationCommand(sequence=int(time.time()) % 2**31, amplitude=amplitude, hold=args.hold)
+    command.kind = ExcitationCommand.RECORDED if args.recorded else tone
+    command.frequency, command.end_frequency = args.frequency or scene.frequency_hz, args.sweep or math.nan
+    command.duration = args.duration if args.sweep else math.nan
+    return command
 
 
-def signal_of(path: Path, drive: str, unit: str) -> SampleBlock:
+def _signal_of(path: Path, drive: str, unit: str) -> SampleBlock:
     """Return the samples of a recorded signal, peak 1, named by its file and what is in it. Raises FileError."""
     rate, values = read_recorded(path)
     name = f"{path.name} sha256:{hashlib.sha256(values.tobytes()).hexdigest()[:16]}"
@@ -113,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     """Command until Ctrl-C; return 0. Raises InputError where no excitation node is found, or none that is armed."""
     scene, namespace = load_scene(args.scene), args.namespace or ""
     command, begin = command_of(args, scene), time.monotonic()
-    signal = signal_of(args.recorded, scene.driven_by.channel, scene.driven_by.unit) if args.recorded else None
+    signal = _signal_of(args.recorded, scene.driven_by.channel, scene.driven_by.unit) if args.recorded else None
     command.file = signal.device if signal else ""
     with Interrupt() as interrupt, command_node(lambda: Exciter(command, signal, namespace)) as (node, executor):
         interrupt.defer()

@@ -8,27 +8,24 @@ import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, word
+from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
 from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, BeamParameters, fit_beam, from_added_mass, from_known_mass
 
-#: Arguments of the example in the help.
 EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    recording = (
-        "a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv"
-    )
-    add("recording", type=file_path, help=recording)
+    free = "a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv"
+    add("recording", type=file_path, help=free)
     moving = "the moving mass: reduced beam mass, container, grain [kg]"
     add("--moving-mass", type=positive("kg"), metavar="KG", help=moving)
     add("--moving-mass-std", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help="its standard deviation [kg]")
@@ -82,15 +79,13 @@ def _parameters(fit: BeamFit, args: argparse.Namespace) -> BeamParameters | None
     return None
 
 
-def _plain(fit: BeamFit, parameters: BeamParameters | None) -> dict[str, Any]:
+def _plain(fit: BeamFit, parameters: BeamParameters | None) -> Document:
     stiffness_std, damping_std = (math.sqrt(fit.covariance[i, i]) for i in (0, 1))
-    return {
-        "stiffness_over_mass": fit.stiffness, "stiffness_over_mass_std": stiffness_std,
-        "damping_over_mass": fit.damping, "damping_over_mass_std": damping_std,
-        "frequency": fit.frequency, "damping_ratio": fit.damping_ratio,
-        "residual": fit.residual, "samples": fit.samples, "driven": fit.driven, "origin": fit.origin,
-        "beam": None if parameters is None else asdict(parameters),
-    }  # fmt: skip
+    found: Document = {"stiffness_over_mass": fit.stiffness, "stiffness_over_mass_std": stiffness_std}
+    found |= {"damping_over_mass": fit.damping, "damping_over_mass_std": damping_std}
+    same = "frequency", "damping_ratio", "residual", "samples", "driven", "origin"
+    found |= {name: getattr(fit, name) for name in same}
+    return found | {"beam": None if parameters is None else asdict(parameters)}
 
 
 def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:

@@ -69,9 +69,9 @@ class BeamCalibrationError(InputError):
 TAU = 2.0 * math.pi
 #: A residual above this share of the motion's own size means that the beam did not move as one mass; of the residual
 #: only what lies below so many natural frequencies counts, since a sensor's noise is no motion.
-MISFIT, MISFIT_BAND = 0.05, 3.0
+_MISFIT, _MISFIT_BAND = 0.05, 3.0
 #: A support that lowers the residual by less than this is taken for noise.
-EXPLAINS = 0.02
+_EXPLAINS = 0.02
 #: Damping ratios the search starts from and is held between.
 START, LEAST, MOST = 0.02, 1e-6, 0.7
 #: Periods a recording must last for its decay to be determined.
@@ -114,21 +114,18 @@ def fit_beam(signals: Signals) -> BeamFit:
     valid = ~np.isnan(beam)
     lowest = PERIODS * rate / beam.size
     if valid.sum() < 50 or lowest > 0.1 * rate:
-        raise BeamCalibrationError(
-            f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam"
-        )
+        given = f"given {int(valid.sum())} valid samples"
+        raise BeamCalibrationError(f"recording: {given}; needed: {PERIODS:g} periods of the beam")
     if support is not None and np.isnan(support).any():
-        raise BeamCalibrationError(
-            "support: given a recording with gaps; choose a part without any with --from and --to"
-        )
+        remedy = "choose a part without any with --from and --to"
+        raise BeamCalibrationError(f"support: given a recording with gaps; {remedy}")
     seed = seed_frequency(beam, rate, lowest, 0.2 * rate)
     if math.isnan(seed):
         raise BeamCalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
-    candidates = [
-        _search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))
-    ]
-    best = candidates[0] if candidates[-1].residual > (1.0 - EXPLAINS) * candidates[0].residual else candidates[-1]
-    if not best.misfit < MISFIT * best.amplitude:
+    sources = (None, support) if support is not None else (None,)
+    candidates = [_search(beam, valid, source, rate, seed) for source in sources]
+    best = candidates[0] if candidates[-1].residual > (1.0 - _EXPLAINS) * candidates[0].residual else candidates[-1]
+    if not best.misfit < _MISFIT * best.amplitude:
         raise BeamCalibrationError(
             f"recording: {best.misfit / best.amplitude:.0%} of the motion is none of one mass on a spring; close the "
             "damper, and choose the part after the release with --from and --to"
@@ -152,10 +149,8 @@ def _search(beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: 
     colour, misfit = _spectrum(left, rate, natural, ratio)
     scale = np.diag([stiffness, damping])
     covariance = scale @ np.linalg.pinv(found.jac.T @ found.jac) @ scale * variance * colour
-    return BeamFit(
-        stiffness, damping, covariance, math.sqrt(variance), misfit, float(np.std(beam[valid])),
-        driven=support is not None, samples=left.size,
-    )  # fmt: skip
+    residual, amplitude, driven = math.sqrt(variance), float(np.std(beam[valid])), support is not None
+    return BeamFit(stiffness, damping, covariance, residual, misfit, amplitude, driven, left.size)
 
 
 class _Model:
@@ -186,7 +181,7 @@ def _spectrum(left: Array, rate: float, frequency: float, ratio: float) -> tuple
     f = np.arange(power.size) * rate / left.size
     near = np.abs(f - frequency) < max(2.0 * ratio * frequency, 3.0 * rate / left.size)
     colour = float(power[near].mean() / power[1:].mean()) if near.any() else 1.0
-    slow = power[(f > 0.0) & (f < MISFIT_BAND * frequency)].sum()
+    slow = power[(f > 0.0) & (f < _MISFIT_BAND * frequency)].sum()
     return max(1.0, colour), math.sqrt(2.0 * float(slow)) / left.size
 
 
@@ -221,14 +216,9 @@ def from_known_mass(
     _check(moving_mass, grain_mass)
     relative = moving_mass_std / moving_mass
     stiffness, damping = fit.stiffness * moving_mass, fit.damping * moving_mass
-    return BeamParameters(
-        mass=moving_mass - grain_mass,
-        mass_std=moving_mass_std,
-        stiffness=stiffness,
-        stiffness_std=math.hypot(stiffness * relative, moving_mass * math.sqrt(fit.covariance[0, 0])),
-        damping=damping,
-        damping_std=math.hypot(damping * relative, moving_mass * math.sqrt(fit.covariance[1, 1])),
-    )
+    stiffness_std = math.hypot(stiffness * relative, moving_mass * math.sqrt(fit.covariance[0, 0]))
+    damping_std = math.hypot(damping * relative, moving_mass * math.sqrt(fit.covariance[1, 1]))
+    return BeamParameters(moving_mass - grain_mass, moving_mass_std, stiffness, stiffness_std, damping, damping_std)
 
 
 def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: float = 0.0) -> BeamParameters:
@@ -253,21 +243,18 @@ def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: f
     stiffness = moving * a
     # k = added a b/(a - b): its error follows from both, not from the mass's alone
     k_slope = added / (a - b) ** 2 * np.array([-b * b, a * a])
-    return BeamParameters(
-        mass=moving - grain_mass, mass_std=moving_std,
-        stiffness=stiffness, stiffness_std=math.sqrt(float(k_slope**2 @ variance)),
-        damping=moving * plain.damping,
-        damping_std=math.hypot(moving_std * plain.damping, moving * math.sqrt(plain.covariance[1, 1])),
-    )  # fmt: skip
+    stiffness_std = math.sqrt(float(k_slope**2 @ variance))
+    damping = moving * plain.damping
+    damping_std = math.hypot(moving_std * plain.damping, moving * math.sqrt(plain.covariance[1, 1]))
+    return BeamParameters(moving - grain_mass, moving_std, stiffness, stiffness_std, damping, damping_std)
 
 
 def _check(moving: float, grain: float) -> None:
     if not (math.isfinite(moving) and moving > 0.0):
         raise BeamCalibrationError(f"moving mass: given {moving:g} kg; allowed: above 0")
     if not 0.0 <= grain < moving:
-        raise BeamCalibrationError(
-            f"grain mass: given {grain:g} kg; allowed: at least 0 and below the moving {moving:g} kg"
-        )
+        allowed = f"at least 0 and below the moving {moving:g} kg"
+        raise BeamCalibrationError(f"grain mass: given {grain:g} kg; allowed: {allowed}")
 
 
 def _number(value: float) -> str:

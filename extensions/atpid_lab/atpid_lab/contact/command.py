@@ -8,10 +8,10 @@ import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, word
+from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.formats import bag_of
@@ -21,7 +21,6 @@ from atpid_lab.contact.drop import DURATION, IMPACT, ContactFit, fit_drop, impac
 from atpid_lab.contact.estimate import ContactError, ContactEstimate
 from atpid_lab.contact.in_run import fit_part
 
-#: Arguments of the example in the help.
 EXAMPLE = "drop.csv --mass 0.0202 --radius 0.0085 --out contact.yaml"
 #: Channels in which a contact is a pulse, in the order they are looked for.
 _PULSES = ("force", "acceleration", "beam_acceleration")
@@ -107,23 +106,19 @@ def _pulses(recorded: Run, channel: str | None) -> Signal:
 def to_yaml(fit: ContactFit) -> str:
     """Return a scene's `contact:` block; error bars are in comments, since a scene has values only."""
     e = fit.restitution
-    lines = [
-        f"# restitution {_shown(e)}, at {fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, mean {fit.at_speed:.3g} m/s"
-    ]
+    speeds = f"{fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, mean {fit.at_speed:.3g} m/s"
+    lines = [f"# restitution {_shown(e)}, at {speeds}"]
     if fit.modulus is None:
         return "\n".join([*lines, f"contact: {{law: impact, restitution: {min(e.value, 1.0):.5f}}}", ""])
     modulus = f"{2.0 * (1.0 - _POISSON**2) * fit.modulus.value:.5e}"
-    return "\n".join([
-        *lines,
-        f"# effective modulus {_shown(fit.modulus)} Pa; only it counts, not how it is shared by grain and wall",
-        f"contact: {{law: tsuji, young_modulus: {modulus}, poisson_ratio: {_POISSON}, "
-        f"damping_ratio: {fit.damping_ratio:.5f}}}",
-        "",
-    ])  # fmt: skip
+    values = f"young_modulus: {modulus}, poisson_ratio: {_POISSON}, damping_ratio: {fit.damping_ratio:.5f}"
+    found = f"effective modulus {_shown(fit.modulus)} Pa"
+    lines.append(f"# {found}; only it counts, not how it is shared by grain and wall")
+    return "\n".join([*lines, f"contact: {{law: tsuji, {values}}}", ""])
 
 
-def _plain(fit: ContactFit) -> dict[str, Any]:
-    found = asdict(fit)
+def _plain(fit: ContactFit) -> Document:
+    found: Document = asdict(fit)
     for name in ("restitution", "contact_time", "modulus"):
         value: ContactEstimate | None = getattr(fit, name)
         found[name] = None if value is None else value._asdict()

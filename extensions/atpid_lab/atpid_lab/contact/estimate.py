@@ -98,7 +98,7 @@ _POINTS = 20_000
 _PUSH = 0.003
 
 
-class Pulse(NamedTuple):
+class _Pulse(NamedTuple):
     """An impact, in units of T."""
 
     damping_ratio: float  # zeta of the linear oscillator
@@ -108,7 +108,7 @@ class Pulse(NamedTuple):
 
 
 @cache
-def pulse(restitution: float) -> Pulse:
+def pulse(restitution: float) -> _Pulse:
     """Return the impact of a restitution above 0 [-]; 1 and more is Hertz's."""
     zeta = damping_ratio_for(min(restitution, 1.0))
     rate = cmath.sqrt(1.0 - zeta**2) if zeta != 1.0 else 1e-6
@@ -124,7 +124,7 @@ def pulse(restitution: float) -> Pulse:
     time, impulse = np.cumsum(passed) - 0.5 * passed, (z + 2.0 * zeta * slope) * step
     centre = float(time @ impulse / impulse.sum())
     width = math.sqrt(float((time - centre) ** 2 @ impulse / impulse.sum()))
-    return Pulse(zeta, float(passed.sum()), width, centre)
+    return _Pulse(zeta, float(passed.sum()), width, centre)
 
 
 @cache
@@ -149,8 +149,9 @@ def pressed(restitution: float) -> tuple[float, float]:
             now = max(force(y[0], y[1]), 0.0)
             return [y[1], push - now, now, now * time]
 
-        impulse, moment = solve_ivp(slope, (0.0, 99.0), [1e-12, 1.0, 0.0, 0.0], events=vanishes, rtol=1e-8,
-                                    atol=1e-12).y[2:, -1]  # fmt: skip
+        impulse, moment = solve_ivp(
+            slope, (0.0, 99.0), [1e-12, 1.0, 0.0, 0.0], events=vanishes, rtol=1e-8, atol=1e-12
+        ).y[2:, -1]
         centre = moment / impulse
         before = 1.0 + push * centre
         return np.array([impulse / before - 1.0, math.log(centre + 0.5 * push * centre**2) - 0.8 * math.log(before)])

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -46,6 +46,7 @@ _KNOWN = np.array([0.003, 0.05])
 _COLOURED = 6.0
 
 Indices = NDArray[np.intp]
+_Times = NDArray[np.floating[Any]]
 #: A part of the record: first sample, and the one after its last.
 Part = tuple[int, int]
 
@@ -93,7 +94,7 @@ class _Beam:
         """What it does not (n,) [m]."""
         return np.asarray(self.measured - self.explained(self.explained.x))
 
-    def free(self, tau: Any) -> Array:
+    def free(self, tau: _Times) -> Array:
         """Return displacement and velocity (2, 2, ...) of the free vibrations from displacement and velocity one."""
         half, omega = 0.5 * self.damping, damped_frequency(self.stiffness, self.damping)
         decay, cos, sin = np.exp(-half * tau), np.cos(omega * tau), np.sin(omega * tau) / omega
@@ -154,8 +155,11 @@ def flights_of(signals: Signals, system: System) -> Flights:
         raise ContactError(f"given {len(jumps)} impacts, none between two parts in which the beam vibrates freely")
     crossings, errors = _crossings(beam, root, jumps[known], pieces)
     single = _single(beam, crossings, pieces) & (np.abs(crossings[0] - beam.step * jumps[known]) <= guard * beam.step)
-    first = [i for i, (k, n) in enumerate(pairwise(known))
-             if n == k + 1 and before[n] == after[n] == between[n] and single[i] and single[i + 1]]  # fmt: skip
+    first = [
+        i
+        for i, (k, n) in enumerate(pairwise(known))
+        if n == k + 1 and before[n] == after[n] == between[n] and single[i] and single[i + 1]
+    ]
     number = np.array(first, dtype=np.intp)
     crossings[0] += signals.start
     both = np.concatenate([errors[:, :, number], errors[:, :, number + 1]], axis=1)
@@ -185,10 +189,11 @@ def _calibrated(beam: _Beam, parts: list[Part]) -> tuple[_Beam, Array]:
         other = _moved(beam, moved)
         return np.concatenate([moved[:2] / _KNOWN, *(other.fitted(part)[0] for part in parts)])
 
+    bounds, scales = ([-0.1, -1.0, -np.inf], [0.1, 1.0, np.inf]), [1e-4, 1e-2, 1.0]
+    solve = partial(least_squares, x_scale=scales, loss="cauchy", f_scale=3.0, bounds=bounds)
     moved, best = np.zeros(3), parts
     for _ in range(4):
-        found = least_squares(residual, moved, x_scale=[1e-4, 1e-2, 1.0], loss="cauchy", f_scale=3.0, args=(best,),
-                              bounds=([-0.1, -1.0, -np.inf], [0.1, 1.0, np.inf]))  # fmt: skip
+        found = solve(residual, moved, args=(best,))
         moved = found.x
         square = np.array([np.mean(_moved(beam, moved).fitted(part)[0] ** 2) for part in parts])
         limit = max(_SLACK, 2.0 * float(np.quantile(square, 0.1)))
@@ -203,7 +208,7 @@ def _moved(beam: _Beam, moved: Array) -> _Beam:
     return replace(beam, stiffness=stiffness, damping=damping, rest=beam.rest + beam.noise * float(moved[2]))
 
 
-def _states(beam: _Beam, at: Any, begins: tuple[Array, Array], starts: tuple[Array, Array]) -> Array:
+def _states(beam: _Beam, at: _Times, begins: tuple[Array, Array], starts: tuple[Array, Array]) -> Array:
     """Return the rows of `Impact` (5, m), near the times `at`, of pieces before and after that begin at times (m,)
     with the vibrations (m, 2)."""
     for _ in range(8):

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -128,8 +129,10 @@ class _Model(NamedTuple):
             ) / step
         measured, scattered = noise @ noise.T, own.reshape(rows, -1) @ own.reshape(rows, -1).T
         flat, columns = misfit.ravel(), slope.reshape(6, -1).T
-        found = [self._given(unknowns, flat, columns, size**2 * measured + scatter**2 * scattered)
-                 for scatter in _SCATTER for size in _SIZE]  # fmt: skip
+        found = [
+            self._given(unknowns, flat, columns, size**2 * measured + scatter**2 * scattered)
+            for scatter, size in product(_SCATTER, _SIZE)
+        ]
         middle, error, likelihood, off = (np.array(column) for column in zip(*found, strict=True))
         return _Posterior(middle, error, likelihood, off[np.argmax(likelihood)].reshape(2, -1))
 
@@ -149,8 +152,8 @@ class _Model(NamedTuple):
 
     def part(self, kept: Indices) -> _Model:
         """Return the model of some of the flights."""
-        return self._replace(ends=self.ends[..., kept], errors=self.errors[..., kept],
-                             clearance=self.clearance[kept], number=self.number[kept])  # fmt: skip
+        ends, errors = self.ends[..., kept], self.errors[..., kept]
+        return self._replace(ends=ends, errors=errors, clearance=self.clearance[kept], number=self.number[kept])
 
 
 def fit_part(run: Run, signals: Signals, height_std: float) -> ContactFit:
@@ -224,12 +227,12 @@ def _fit(model: _Model, found: _Posterior, unknowns: Array) -> ContactFit:
     """Return restitution, contact time and modulus of the solution."""
     _, speeds, *_ = model.approach(unknowns, model.ends)
     law = _SECOND * abs(model.pressed[0] * float(model.push(unknowns, model.ends).mean()))
-    doubts = ((0, math.hypot(law, _CONSTANT)), (2, _SHAPE * abs(unknowns[2])))
+    doubts, flights = ((0, math.hypot(law, _CONSTANT)), (2, _SHAPE * abs(unknowns[2]))), len(model.number)
+    middles, scale = found.middle * model.scale, model.scale
     restitution, centroid = (
-        mixture(found.middle[:, one] * model.scale[one], np.hypot(found.error[:, one], doubt) * model.scale[one],
-                found.likelihood, _MANY, len(model.number))
+        mixture(middles[:, one], np.hypot(found.error[:, one], doubt) * scale[one], found.likelihood, _MANY, flights)
         for one, doubt in doubts
-    )  # fmt: skip
+    )
     if centroid.high < 0.0 and centroid.value < -2.0 * (centroid.high - centroid.low):
         deep = 2e3 * model.speed * abs(centroid.value)
         raise ContactError(
@@ -243,6 +246,6 @@ def _fit(model: _Model, found: _Posterior, unknowns: Array) -> ContactFit:
     if centroid.low < _DETERMINED * centroid.value or centroid.value <= 0.0:
         longest = max(centroid.high, 0.0) * pulse(max(restitution.value, 1e-3)).duration
         longest /= pulse(max(restitution.value, 1e-3)).centre
-        return replace(fit, missing=(f"contact time and modulus: contacts are too short for the sensors, at most "
-                                     f"{longest:.2g} s at {model.speed:.3g} m/s",))  # fmt: skip
+        short = f"contacts are too short for the sensors, at most {longest:.2g} s at {model.speed:.3g} m/s"
+        return replace(fit, missing=(f"contact time and modulus: {short}",))
     return with_modulus(fit, centroid, "centre", mass, model.system.radius)

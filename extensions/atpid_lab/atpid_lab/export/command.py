@@ -32,7 +32,7 @@ _ROWS, _PIECES = 16_384, 64
 
 
 @dataclass(frozen=True)
-class Exported:
+class _Exported:
     """What was written, and what the bag does not have."""
 
     files: list[tuple[Path, str]]  # each with what is in it
@@ -43,7 +43,7 @@ class Exported:
 def export(
     bag: Path, form: str, out: Path, topics: Sequence[str] = (), begin: float = -math.inf, end: float = math.inf,
     *, replace: bool = False,
-) -> Exported:  # fmt: skip
+) -> _Exported:  # fmt: skip
     """Write the tables of a bag, from `begin` to `end` [s], to `out`; one table a file: the others beside it.
 
     Nothing is written where the export fails. Raises BagError, OutputError.
@@ -66,7 +66,7 @@ def export(
         others = [table.name for table in source.tables if table.rate is None and table.rows]
         others = others if known.holds is Holds.SAMPLES else []
         files = _placed(made, {name: count for name, count in rows.items() if name not in others}, out)
-    return Exported(files, source.missing, others)
+    return _Exported(files, source.missing, others)
 
 
 def writers() -> dict[str, tuple[Format, Writer]]:

@@ -5,9 +5,9 @@
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.io.matlab import MatWriteError
 
@@ -28,9 +28,9 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
     spool, path, names = Spool(folder), folder / "whole.mat", set[str]()
     spool.fill(pieces)
     structs = {_name(table.name, names): _struct(spool, table) for table in spool.tables}
-    about = {**source.run, **source.result, "bag": str(source.path), "start_ns": source.start_ns,
-             "missing": _cells(source.missing)}  # fmt: skip
+    own = {"bag": str(source.path), "start_ns": source.start_ns, "missing": _cells(source.missing)}
     taken: set[str] = set()
+    about = {**source.run, **source.result, **own}
     structs[_name("about", names)] = {_name(key, taken): value for key, value in about.items()}
     try:
         savemat(path, structs, long_field_names=True, oned_as="column")
@@ -42,9 +42,9 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
     yield None, path
 
 
-def _struct(spool: Spool, table: Table) -> dict[str, Any]:
+def _struct(spool: Spool, table: Table) -> dict[str, object]:
     taken: set[str] = set()
-    fields: dict[str, Any] = {}
+    fields: dict[str, object] = {}
     units: dict[str, str] = {}
     names: dict[str, str] = {}
     for place, column in enumerate(table.columns):
@@ -57,10 +57,11 @@ def _struct(spool: Spool, table: Table) -> dict[str, Any]:
     return fields | {_name(f"about_{key}", taken): v for key, v in about.items()}
 
 
-def _cells(texts: Any) -> Any:
+def _cells(texts: Iterable[str]) -> NDArray[np.object_]:
     """Return texts as a column of cells."""
-    cells = np.empty((len(texts), 1), dtype=object)
-    cells[:, 0] = list(texts)
+    found = list(texts)
+    cells = np.empty((len(found), 1), dtype=object)
+    cells[:, 0] = found
     return cells
 
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import TEXT, Column, Piece, Table
@@ -26,13 +25,12 @@ class _File:
         self.table, self.path = table, path
         self._schema = self._arrow.schema([self._field(column) for column in table.columns])
         self._writer = stack.enter_context(parquet.ParquetWriter(path, self._schema))
-        self._waiting: list[Any] = []
+        self._waiting: list[object] = []
         self._rows = 0
 
     def add(self, piece: Piece) -> None:
-        arrays = [
-            self._arrow.array(values, field.type) for values, field in zip(piece.arrays, self._schema, strict=True)
-        ]
+        columns = zip(piece.arrays, self._schema, strict=True)
+        arrays = [self._arrow.array(values, field.type) for values, field in columns]
         self._waiting.append(self._arrow.Table.from_arrays(arrays, schema=self._schema))
         self._rows += len(piece)
         if self._rows >= _GROUP:
@@ -48,7 +46,7 @@ class _File:
         about = {**self.table.about(), "run": source.run, "start_ns": source.start_ns, "missing": source.missing}
         self._writer.add_key_value_metadata({"atpid": json.dumps(about)})
 
-    def _field(self, column: Column) -> Any:
+    def _field(self, column: Column) -> object:
         kind = self._arrow.string() if column.dtype == TEXT else self._arrow.from_numpy_dtype(column.dtype)
         about = {"units": column.unit, "description": column.description, "skew": repr(column.skew)}
         return self._arrow.field(column.name, kind, metadata=about)

@@ -17,7 +17,7 @@ class Spool:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.tables: list[Table] = []
-        self._texts: dict[tuple[str, str], list[Any]] = {}
+        self._texts: dict[tuple[str, str], list[object]] = {}
 
     def fill(self, pieces: Iterable[Piece]) -> None:
         """Take all pieces. Raises OSError where the disk is full."""

@@ -31,18 +31,16 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
             spans[table.name] = table, first, int(stamps[-1]), rows + len(piece)
         if not spans:
             raise source.no_samples("tdms")
-        writer.write_segment(
-            [RootObject({**source.run, "bag": str(source.path), "missing": "; ".join(source.missing)})]
-        )
+        about = {**source.run, "bag": str(source.path), "missing": "; ".join(source.missing)}
+        writer.write_segment([RootObject(about)])
         for table, first, last, rows in spans.values():
             step = (last - first) / (rows - 1) * 1e-9 if rows > 1 else 1.0 / (table.rate or 1.0)
-            known = {"wf_start_time": np.datetime64(first // _TICK, "us"), "wf_start_offset": first % _TICK * 1e-9,
-                     "wf_increment": step, "wf_xname": TIME, "wf_xunit_string": "s"}  # fmt: skip
-            channels = [
-                ChannelObject(table.name, column.name, None, {**known, "unit_string": column.unit,
-                                                              "description": column.description, "skew": column.skew})
-                for column in table.values
-            ]  # fmt: skip
+            known = {"wf_start_time": np.datetime64(first // _TICK, "us"), "wf_start_offset": first % _TICK * 1e-9}
+            known |= {"wf_increment": step, "wf_xname": TIME, "wf_xunit_string": "s"}
+            channels = []
+            for column in table.values:
+                own = {"unit_string": column.unit, "description": column.description, "skew": column.skew}
+                channels.append(ChannelObject(table.name, column.name, None, known | own))
             of_group = {"topic": table.topic, "type": table.type, "lost": table.lost, "first_stamp": first}
             writer.write_segment([GroupObject(table.name, of_group), *channels])
     yield None, path

@@ -12,9 +12,10 @@ import sys
 from collections.abc import Iterable, Iterator
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Column, Piece, Table
@@ -43,8 +44,9 @@ def write(
     if not spool.tables:
         raise source.no_samples("uff")
     with path.open("wb") as stream:
-        _lines(stream, 151, source.path.name, "bag of ATPID", "atpid", f"{_date(source.start_ns)}{'0':>10}{'0':>10}",
-               _date(source.start_ns), "atpid", _date(source.start_ns))  # fmt: skip
+        date = _date(source.start_ns)
+        head = source.path.name, "bag of ATPID", "atpid", f"{date}{'0':>10}{'0':>10}", date, "atpid", date
+        _lines(stream, 151, *head)
         _lines(stream, 164, f"{1:10d}{'SI':>20}{2:10d}", f"{1.0:25.17E}{1.0:25.17E}{1.0:25.17E}", f"{273.15:25.17E}")
         for table in spool.tables:
             for place, column in enumerate(table.columns):
@@ -74,7 +76,7 @@ def _channel(
         _record(stream, about, number, node, column, float(time[begin]), step, values[begin:end], ascii)
 
 
-def runs(values: Any) -> Iterator[tuple[int, int]]:
+def runs(values: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
     """Yield (begin, end) of the parts of a series (n,) without NaN, read a piece at a time."""
     begin = None
     for first in range(0, len(values), _ROWS):
@@ -91,7 +93,7 @@ def runs(values: Any) -> Iterator[tuple[int, int]]:
 
 
 def _record(stream: BinaryIO, about: tuple[str, ...], number: int, node: int, column: Column, start: float,
-            step: float, values: Any, ascii: bool) -> None:  # fmt: skip
+            step: float, values: NDArray[np.float64], ascii: bool) -> None:  # fmt: skip
     order = 1 if sys.byteorder == "little" else 2
     binary = f"b{order:6d}{2:6d}{11:12d}{8 * len(values):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
     kind, length, force = _QUANTITIES.get(column.unit, (0, 0, 0))
@@ -114,7 +116,7 @@ def _record(stream: BinaryIO, about: tuple[str, ...], number: int, node: int, co
     stream.write(b"    -1\n")
 
 
-def digits(values: Any) -> bytes:
+def digits(values: NDArray[np.float64]) -> bytes:
     """Return values (n,) as lines of Fortran's 4E20.12."""
     values = np.where(np.abs(values) < _LEAST, 0.0, values)
     rows, rest = divmod(len(values), _A_LINE)

@@ -34,7 +34,7 @@ from atpid_control.runs.writer import BagWriter, check_new
 from atpid_lab.imports.series import PIECE, si_of
 from atpid_sim.display import working
 
-NOTES = "import.txt"
+_NOTES = "import.txt"
 #: Messages a second, where they then have so many scans at least; and a number above which a value is none.
 _BLOCKS, _SCANS, _LARGEST = 20.0, 32, 1e100
 _CHUNK = 1 << 18  # [bytes]
@@ -117,9 +117,7 @@ def _plain(path: Path, series: Series, given: Given) -> _Channel:
     return _Channel(name or "channel", unit, factor, series, source)
 
 
-def _chosen(
-    read: list[tuple[Path, Series]], wanted: Sequence[tuple[str, str]], given: Given
-) -> list[_Channel]:  # fmt: skip
+def _chosen(read: list[tuple[Path, Series]], wanted: Sequence[tuple[str, str]], given: Given) -> list[_Channel]:
     channels, used = [], set[int]()
     for name, column in wanted:
         path, series, stated = _found(read, name, column)
@@ -145,8 +143,7 @@ def _found(read: list[tuple[Path, Series]], name: str, column: str) -> tuple[Pat
     words = column.split(":")  # which a column's name may hold
     for count in range(len(words), 0, -1):
         one = ":".join(words[:count])
-        fits = [(path, series) for path, series in read
-                if f"/{path.name}/{series.name}".endswith(f"/{one}")]  # fmt: skip
+        fits = [(path, series) for path, series in read if f"/{path.name}/{series.name}".endswith(f"/{one}")]
         if len(fits) > 1:
             names = ", ".join(f"{path.name}/{series.name}" for path, series in fits)
             raise BagError(f"--channels {name}: given {one}, which several files or groups have: {names[:200]}")
@@ -169,8 +166,9 @@ def _unique(channels: list[_Channel]) -> list[_Channel]:
 
 def _placed(channels: list[_Channel], given: Given) -> dict[Grid, list[_Channel]]:
     """Return the channels by what was sampled together, on one axis of stamps from 1970 or 0 on."""
-    begun = {dated: min((one.series.grid.start_ns for one in channels if one.series.grid.dated == dated), default=0)
-             for dated in {one.series.grid.dated for one in channels}}  # fmt: skip
+    begun: dict[bool, int] = {}
+    for grid in (one.series.grid for one in channels):
+        begun[grid.dated] = min(grid.start_ns, begun.get(grid.dated, grid.start_ns))
     if len(begun) > 1:
         given.notes.append("some files have no date: taken as begun with the others")
     elif False in begun:
@@ -203,7 +201,7 @@ def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channe
     for stamp, topic, data in heapq.merge(*messages, key=lambda one: one[0]):
         writer.write(topic, data, stamp, stamp)
     given.notes += [f"{name}: {count} samples are no finite number: NaN" for name, count in invalid.items() if count]
-    writer.attach(NOTES, "\n".join([*lines, *given.notes, ""]).encode())
+    writer.attach(_NOTES, "\n".join([*lines, *given.notes, ""]).encode())
     writer.close({"finished": "yes", "left_out_or_converted": str(len(given.notes))})
     return lines
 
@@ -213,8 +211,8 @@ def _messages(topic: str, grid: Grid, group: list[_Channel], invalid: Counter[st
     store: Any = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
     block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    fixed = {"channels": [one.name for one in group], "units": [one.unit for one in group], "backlog": 0,
-             "skew": np.zeros(len(group)), "rate": grid.rate, "handshake": False, "device": "import"}  # fmt: skip
+    fixed = {"skew": np.zeros(len(group)), "rate": grid.rate, "backlog": 0, "handshake": False, "device": "import"}
+    fixed |= {"channels": [one.name for one in group], "units": [one.unit for one in group]}
     scans = max(_SCANS, round(grid.rate / _BLOCKS))
     piece = scans * max(1, PIECE // scans)
     for (row, index), (until, _) in pairwise([(0, 0), *grid.jumps, (grid.rows, 0)]):

@@ -87,8 +87,8 @@ def _lines(path: Path) -> tuple[list[str], str]:
 def _fit(lines: list[str], separator: str, decimal: str) -> tuple[tuple[bool, int, int], _Layout] | None:
     """Return how well a separator and decimal sign fit, and the layout with them; None: not at all."""
     rows = [_cells(line, separator) for line in lines]
-    starts = (place for place in range(min(len(rows) - 1, _LINES)) if not lines[place].lstrip().startswith("#")
-              and _is_data(rows[place], decimal) and not _numbers(*rows[place : place + 2]))  # fmt: skip
+    starts = (place for place in range(min(len(rows) - 1, _LINES)) if not lines[place].lstrip().startswith("#"))
+    starts = (at for at in starts if _is_data(rows[at], decimal) and not _numbers(*rows[at : at + 2]))
     # lines above a table may have numbers, too: `Samples 500 500`
     found = (_from(rows, first, separator, decimal) for first in islice(starts, _STARTS))
     return next(filter(None, found), None)
@@ -101,8 +101,9 @@ def _from(
     width, body = len(rows[first]), [row for row in rows[first : first + _LINES] if row != [""]]
     same = [row for row in body if len(row) == width]
     kinds = [[_kind(cell, decimal) for cell in column] for column in zip(*same, strict=True)]
-    texts, dates = ([place for place, kind in enumerate(kinds) if kind.count(which) > 0.5 * len(kind)]
-                    for which in ("text", "date"))  # fmt: skip
+    texts, dates = (
+        [place for place, kind in enumerate(kinds) if kind.count(which) > 0.5 * len(kind)] for which in ("text", "date")
+    )
     wrong = sum(kind.count("text") for place, kind in enumerate(kinds) if place not in texts)
     odd = any(kind[0] == "text" for place, kind in enumerate(kinds) if place not in texts)
     if odd or len(same) < max(2, 0.9 * len(body) - 1) or len(texts) == width or wrong > 0.1 * len(same) * width:
@@ -151,8 +152,10 @@ def _names(above: list[list[str]], width: int) -> tuple[bool, list[str], list[st
     if len(fitting) > 1 and any(names) and all(si_of(cell) is not None for cell in names):
         names, units = fitting[-2], names
     parted = [(found[1], found[2]) if (found := _NAMED.fullmatch(name)) else (name, "") for name in names]
-    parted = [(name.rpartition("/")[0], unit) if not own and "/" in name and si_of(unit := name.rpartition("/")[2])
-              else (name, own) for name, own in parted]  # fmt: skip
+    for place, (name, own) in enumerate(parted):
+        before, slash, unit = name.rpartition("/")
+        if slash and not own and si_of(unit):
+            parted[place] = before, unit
     taken: list[str] = []
     for place, (name, _) in enumerate(parted):
         name = name.strip() or f"column_{place + 1}"
@@ -182,16 +185,16 @@ def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[
             wrong[place] += len(bad)
         return found
 
-    with pd.read_csv(
-        path, sep=r"\s+" if layout.separator == " " else layout.separator, decimal=layout.decimal, header=None,
-        skiprows=layout.first, usecols=places, names=range(len(layout.names)), index_col=False,
-        encoding=encoding, **_EXACT, low_memory=False, skipinitialspace=True, encoding_errors="replace",
-        chunksize=min(PIECE, 1 + 64 * PIECE // len(places)),
-    ) as chunks:  # fmt: skip
+    separator = r"\s+" if layout.separator == " " else layout.separator
+    text = {"encoding": encoding, "encoding_errors": "replace", "skipinitialspace": True, "decimal": layout.decimal}
+    rows = {"skiprows": layout.first, "chunksize": min(PIECE, 1 + 64 * PIECE // len(places)), "low_memory": False}
+    named = {"header": None, "names": range(len(layout.names)), "usecols": places, "index_col": False}
+    with pd.read_csv(path, sep=separator, **text, **rows, **named, **_EXACT) as chunks:
         pieces = (np.column_stack([numbers(place, chunk[place]) for place in places]) for chunk in chunks)
         table = mapped(path, given, pieces).reshape(-1, len(places))
-    given.notes += [f"{path.name}: {layout.names[place]}: {count} cells are no numbers, NaN: the first {first[place]}"
-                    for place, count in wrong.items()]  # fmt: skip
+    for place, count in wrong.items():
+        where = f"{path.name}: {layout.names[place]}"
+        given.notes.append(f"{where}: {count} cells are no numbers, NaN: the first {first[place]}")
     return {layout.names[place]: (layout.units[place], table[:, n]) for n, place in enumerate(places)}, start_ns
 
 

@@ -5,6 +5,7 @@
 import math
 import re
 from collections.abc import Iterable, Mapping
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -13,26 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.files import parse_yaml
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Series
 from atpid_control.runs.read import MOST_HELD
 
-#: Units by their own spelling: SI unit and factor. With a prefix: those of `_PREFIXED`.
-_UNITS = {
-    "": ("", 1.0), "-": ("", 1.0), "1": ("", 1.0), "%": ("", 0.01), "in": ("m", 0.0254), "inch": ("m", 0.0254),
-    "ft": ("m", 0.3048), "mil": ("m", 2.54e-5), "g": ("m/s^2", 9.80665), "gn": ("m/s^2", 9.80665),
-    "mg": ("m/s^2", 9.80665e-3), "gal": ("m/s^2", 0.01), "lbf": ("N", 4.4482216152605), "psi": ("Pa", 6894.757293168),
-    "bar": ("Pa", 1e5), "mbar": ("Pa", 100.0), "rpm": ("Hz", 1.0 / 60.0), "1/s": ("Hz", 1.0), "min": ("s", 60.0),
-    "h": ("s", 3600.0), "deg": ("rad", 0.017453292519943295), "rad": ("rad", 1.0), "°c": ("degC", 1.0),
-    "degc": ("degC", 1.0),
-}  # fmt: skip
-_PREFIXED = {
-    "m": "m", "meter": "m", "metre": "m", "meters": "m", "N": "N", "newton": "N", "newtons": "N", "V": "V",
-    "volt": "V", "volts": "V", "A": "A", "Pa": "Pa", "s": "s", "sec": "s", "second": "s", "seconds": "s", "Hz": "Hz",
-    "K": "K", "Nm": "N m", "strain": "", "rad/s": "rad/s",
-}  # fmt: skip
-_PREFIXES = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "micro": 1e-6,
-             "milli": 1e-3, "kilo": 1e3, "nano": 1e-9}  # fmt: skip
+_TABLE = parse_yaml(files(__package__).joinpath("data", "units.yaml").read_text(encoding="utf-8"))
+_UNITS = {name: (unit, factor) for unit, names in _TABLE["plain"].items() for name, factor in names.items()}
+_PREFIXED = {name: unit for unit, names in _TABLE["prefixed"].items() for name in names}
 _OVER_TIME = re.compile(r"(.+?)(?:/s(?:ec)?(?:\^?([23]))?|s\^?-([123]))")
 
 
@@ -45,7 +34,7 @@ def si_of(given: str) -> tuple[str, float] | None:
     text = re.sub(r"[\sµμ·*]", lambda sign: "u" if sign[0] in "µμ" else "", text.replace("⁻", "-"))
     if text.lower() in _UNITS and text not in ("G", "MG", "Mg"):
         return _UNITS[text.lower()]
-    for prefix, factor in _PREFIXES.items():
+    for prefix, factor in _TABLE["prefixes"].items():
         rest = text.removeprefix(prefix)
         known = _PREFIXED.get(rest, _PREFIXED.get(rest.lower()) if len(rest) > 2 else None)
         if text.startswith(prefix) and known is not None:
@@ -68,8 +57,8 @@ _ADVICE = f"{_BY_ROWS}, or sample it anew at an even rate"
 _TIMES = ("time", "t", "zeit", "times", "timestamp", "x_value", "x", "seconds", "sec", "date", "datetime")
 #: Columns of this project's exports that only repeat the time.
 _OF_TIME = {"stamp": "ns", "index": ""}
-RATES, STEPS = ("fs", "rate", "sample_rate", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency",
-                "samplefrequency", "about_rate"), ("dt", "delta_t", "increment")  # fmt: skip
+_OF_RATES = "fs rate sample_rate samplerate sampling_rate samplingrate sampling_frequency samplefrequency about_rate"
+RATES, STEPS = _OF_RATES.split(), ["dt", "delta_t", "increment"]
 
 
 def bounded(path: Path, numbers: float) -> None:
@@ -88,10 +77,13 @@ def mapped(path: Path, given: Given, pieces: Iterable[Any]) -> Any:
         return np.memmap(stream, np.float64, "r") if stream.tell() else np.zeros(0)
 
 
+#: Columns of a table by name, each its unit and its values (n,), which are taken by slices.
+Columns = Mapping[str, tuple[str, Any]]
+
+
 def timed(
-    path: Path, group: str, columns: Mapping[str, tuple[str, Any]], given: Given, rate: float | None = None,
-    start_ns: int | None = None,
-) -> list[Series]:  # fmt: skip
+    path: Path, group: str, columns: Columns, given: Given, rate: float | None = None, start_ns: int | None = None
+) -> list[Series]:
     """Return series of columns (n,), given as unit and values, with the times that one of them has [s], or a rate.
 
     `rate` [Hz] and `start_ns` are what the file states. Raises BagError: neither, or no even times.
@@ -116,13 +108,11 @@ def timed(
             given.notes.append(f"{path.name}: {group}{time}: left out, rows count as even at --rate {given.rate:g} Hz")
         grid = Grid(given.rate or rate or 1.0, rows, start_ns or 0, start_ns is not None)
     elif time:
-        grid = even(
-            f"{path}: {group}{time}", np.asarray(columns[time][1], np.float64), columns[time][0], given, start_ns
-        )
+        unit, times = columns[time]
+        grid = even(f"{path}: {group}{time}", np.asarray(times, np.float64), unit, given, start_ns)
     else:
-        raise BagError(
-            f"{path}: no times and no rate in it; give --rate HZ, or --time with one of {', '.join(columns)[:200]}"
-        )
+        names = ", ".join(columns)[:200]
+        raise BagError(f"{path}: no times and no rate in it; give --rate HZ, or --time with one of {names}")
     return [Series(f"{group}{name}", unit, values, grid) for name, (unit, values) in others.items()]
 
 

@@ -7,13 +7,13 @@ import json
 import math
 import re
 import sys
-from typing import Any
 
 import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, refuse, whole
 from atpid_common.cli import Command
+from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.formats import bag_of
@@ -113,13 +113,13 @@ def _run_run(args: argparse.Namespace) -> int:
     if args.grain_mass and (args.masses or not forced):
         raise ModesError("--grain-mass: allowed where a force at the container shows the masses; empty the container")
     driven = math.isfinite(fit.drive[0])
-    lines = [f"{'driven' if driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m of "
-             f"{fit.motion:.3g} m"]  # fmt: skip
+    left = f"residual {fit.residual:.3g} m of {fit.motion:.3g} m"
+    lines = [f"{'driven' if driven else 'free'} motion, {fit.samples} samples, {left}"]
     if driven and (args.masses or forced):
         masses = np.array(args.masses) if args.masses else None
         found = from_run.structure_of(fit, masses, args.grain_mass, forced)
-        lines += [f"mode {number}: ± {f:.2g} Hz, ± {z:.2g} of critical, ± {m:.2g} kg, drive ± {by:.2g}"
-                  for number, (f, z, m, by) in enumerate(found.deviations, 1)]  # fmt: skip
+        for number, (f, z, m, by) in enumerate(found.deviations, 1):
+            lines.append(f"mode {number}: ± {f:.2g} Hz, ± {z:.2g} of critical, ± {m:.2g} kg, drive ± {by:.2g}")
         return _give(args, found.structure._replace(notes=(*lines, *found.structure.notes)), forced=forced)
     if args.scene is not None or args.out is not None:
         raise ModesError("--scene, --out: need masses: give --masses, or a run that a force at the container drives")
@@ -129,8 +129,8 @@ def _run_run(args: argparse.Namespace) -> int:
     modes = [dict(zip(names, map(float, row), strict=True)) for row in rows]
     for number, mode in enumerate(modes, 1):
         part = f", base's motion {mode['drive_factor']:.4g} ± {mode['drive_factor_std']:.2g}" if driven else ""
-        lines.append(f"mode {number}: {mode['frequency']:.6g} ± {mode['frequency_std']:.2g} Hz, damping ratio "
-                     f"{mode['damping_ratio']:.4g} ± {mode['damping_ratio_std']:.2g}{part}")  # fmt: skip
+        ratio = f"damping ratio {mode['damping_ratio']:.4g} ± {mode['damping_ratio_std']:.2g}"
+        lines.append(f"mode {number}: {mode['frequency']:.6g} ± {mode['frequency_std']:.2g} Hz, {ratio}{part}")
     lines.append("masses need --masses, or a run that a force at the container drives")
     found = output.finite({"modes": modes, "notes": lines})
     print(json.dumps(found) if args.json else "\n".join(f"# {one}" for one in lines))
@@ -151,7 +151,7 @@ def _give(args: argparse.Namespace, structure: Structure, *, forced: bool) -> in
     return 0
 
 
-def _lines(chosen: dict[str, Any], forced: bool) -> list[str]:
+def _lines(chosen: Document, forced: bool) -> list[str]:
     """Return what the numbers are, a line each."""
     lines = ["made by `atpid modes`; a mode's mass is what an impulse at the container meets, without the grain"]
     for number, mode in enumerate(chosen["modes"], 1):
@@ -172,10 +172,11 @@ def _lines(chosen: dict[str, Any], forced: bool) -> list[str]:
 
 
 CANTILEVER = Command(
-    _add_cantilever, _run_cantilever,
+    _add_cantilever,
+    _run_cantilever,
     "--length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
     "--damping-ratio 0.024 --modes 3",
-)  # fmt: skip
+)
 FILE = Command(
     _add_file, _run_file, "modes.unv --container 12:z --modes 4 --scene scenes/standard.yaml --out my_beam.yaml"
 )

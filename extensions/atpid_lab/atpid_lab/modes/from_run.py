@@ -78,9 +78,8 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
         top = 1.0 / (_A_PERIOD * model.step)
         shown = model.drive if model.driven else None
         peak = _peak(model.residual(logarithms), shown, 1.0 / model.step, np.exp(logarithms[:number]) / TAU, top)
-        logarithms = np.concatenate(
-            [logarithms[:number], [math.log(TAU * peak)], logarithms[number:], [math.log(START)]]
-        )
+        added = [math.log(TAU * peak)], logarithms[number:], [math.log(START)]
+        logarithms = np.concatenate([logarithms[:number], *added])
         low, high = (np.log([edge] * (number + 1)) for edge in (LEAST, MOST))
         paces = logarithms[: number + 1]
         bounds = np.concatenate([paces - 0.3, low]), np.concatenate([paces + 0.3, high])
@@ -196,8 +195,8 @@ class _Model:
         order = np.argsort(frequency)
         places = np.concatenate([order + shift * count for shift in range(kept // count)])
         covariance = (covariance[:kept, :kept] * np.outer(by, by))[np.ix_(places, places)]
-        return Fit(frequency[order], ratio[order], drive[order], covariance, float(np.sqrt(np.mean(left**2))),
-                   float(np.std(self.beam)), len(left))  # fmt: skip
+        residual, motion = float(np.sqrt(np.mean(left**2))), float(np.std(self.beam))
+        return Fit(frequency[order], ratio[order], drive[order], covariance, residual, motion, len(left))
 
 
 def _sandwich(jacobian: Array, left: Array) -> Array:
@@ -217,7 +216,7 @@ def _sandwich(jacobian: Array, left: Array) -> Array:
     return np.asarray(inverse @ middle @ inverse)
 
 
-def masses_of(fit: Fit, drive: Array) -> Array:
+def _masses_of(fit: Fit, drive: Array) -> Array:
     """Return the modes' masses (k,) [kg] where a force acts at the container, of drive coefficients (k,) [1/kg].
 
     Raises ModesError where that cannot be.
@@ -262,7 +261,7 @@ def structure_of(fit: Fit, masses: Array | None, grain: float, force: bool) -> F
 def _without(fit: Fit, values: Array, masses: Array | None, grain: float, force: bool) -> Array:
     """Return frequency, ratio, mass and drive (k, 4) of values (3 k,), without the grain [kg]."""
     frequency, ratio, drive = values.reshape(3, -1)
-    mass = masses_of(fit, drive) if masses is None else masses
+    mass = _masses_of(fit, drive) if masses is None else masses
     pace = TAU * frequency
     stiffness, damping = mass * pace**2, 2.0 * ratio * mass * pace
     direct = drive * mass if force else drive * stiffness
@@ -270,8 +269,8 @@ def _without(fit: Fit, values: Array, masses: Array | None, grain: float, force:
     if grain > 0.0:
         heavy = ModeSet(mass, stiffness, damping, direct, nothing, nothing)
         if not np.sum(1.0 / mass) * grain < 1.0:
-            raise ModesError(f"--grain-mass: given {grain:g} kg; allowed: below {1.0 / np.sum(1.0 / mass):.4g} kg, "
-                             "what an impulse at the container meets in the recorded modes")  # fmt: skip
+            allowed = f"below {1.0 / np.sum(1.0 / mass):.4g} kg, what an impulse at the container meets"
+            raise ModesError(f"--grain-mass: given {grain:g} kg; allowed: {allowed} in the recorded modes")
         mass, stiffness, damping, direct, *_ = modes_of(heavy, -grain, 0.0).joined
     pace = np.sqrt(stiffness / mass)
     factor = direct if force else direct / stiffness

@@ -4,9 +4,10 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_sim.scene import Scene, scene_from_mapping
 
 #: A mode is at rest at a place where its shape is less than this share of its largest [-].
@@ -41,7 +42,7 @@ class Structure(NamedTuple):
     notes: tuple[str, ...] = ()  # a line each
 
 
-def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bool) -> dict[str, Any]:
+def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bool) -> Document:
     """Return the `count` lowest modes, what is left out, and the `blocks` of a scene.
 
     ratios: damping [-], one for all, one a mode, or none for the structure's own; forced: a force drives the structure,
@@ -64,6 +65,11 @@ def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bo
     keys = ("mass", "frequency", "damping_ratio")
     beam, *further = ({key: _digits(getattr(mode, key)) for key in keys} for mode in modes)
     further = [one | {"drive_factor": _digits(by)} for one, by in zip(further, factors[1:], strict=True)]
+    blocks: Document = {"beam": beam}
+    if further:
+        blocks["further_modes"] = further
+    if forced:
+        blocks["drive"] = "force"
     for mode in modes:
         if not ratios and not mode.damping_ratio > 0.0:
             raise ModesError(f"no damping is known of the mode at {mode.frequency:.4g} Hz; give --damping-ratio")
@@ -75,12 +81,11 @@ def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bo
         "left_of_compliance": 1.0 - sum(1.0 / mode.stiffness for mode in modes) / structure.compliance,
         "next_mode": next((mode._asdict() for mode in structure.modes[count:]), None),
         "notes": structure.notes,
-        "blocks": {"beam": beam} | ({"further_modes": further} if further else {})
-        | ({"drive": "force"} if forced else {}),
-    }  # fmt: skip
+        "blocks": blocks,
+    }
 
 
-def merged(scene: Scene, blocks: dict[str, Any], source: str) -> dict[str, Any]:
+def merged(scene: Scene, blocks: Document, source: str) -> Document:
     """Return a scene with the blocks in place of its own, and a grain of the same mass. Raises SceneError."""
     mapping = {key: value for key, value in scene.to_mapping().items() if key not in ("further_modes", "drive")}
     share = _digits(scene.grain_mass / (scene.grain_mass + blocks["beam"]["mass"]))

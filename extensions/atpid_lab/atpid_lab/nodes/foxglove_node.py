@@ -115,7 +115,7 @@ class FoxgloveNode(Node):
             if kind in CHECKS:
                 self._trace(topic, kind, message)
 
-    def _trace(self, topic: Topic, kind: str, message: Any) -> None:
+    def _trace(self, topic: Topic, kind: str, message: object) -> None:
         try:
             for record in self._tracer.push(kind, message):
                 self.server.send(record)

@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file, print what is in it; return 0. Raises BagError, SceneError, OutputError."""
-    from atpid_lab.traces import PREFIX, write_traces  # here, since it loads slowly
+    from atpid_lab.traces.file import write_traces  # here, since they load slowly
+    from atpid_lab.traces.records import PREFIX
 
     path = bag_of(args.bag)
     file = output.file(args.out, replace=args.force)

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag once more, with its traces: an MCAP file that Foxglove and PlotJuggler open and plot."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -25,6 +27,9 @@ from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.quantities import efficiency
 
+if TYPE_CHECKING:
+    from atpid_interfaces.msg import CeilingState, Event, Excitation, PlantTruth, SampleBlock, SupervisorState
+
 #: Pictures of the damper a second, as far as the rate of the samples can be divided.
 PICTURES = 25.0
 _DRIVES = {drive.channel for drive in DRIVES.values()}
@@ -38,6 +43,7 @@ _LONGEST_DELAY = 1.0
 _LEVELS = (20, 30, 40)
 
 Array = NDArray[np.float64]
+Block: TypeAlias = "SampleBlock | PlantTruth"
 
 
 class TraceError(InputError):
@@ -54,7 +60,7 @@ class Tracer:
         self._height = math.nan
         self._truth = self._forced = False
 
-    def push(self, kind: str, content: Any) -> Iterator[TraceRecord]:
+    def push(self, kind: str, content: object) -> Iterator[TraceRecord]:
         """Yield the records of one message of type atpid_interfaces/msg/`kind`; of other types none.
 
         The message is one that `message_checks` lets pass. Raises TraceError before the first record.
@@ -63,7 +69,7 @@ class Tracer:
         if trace is not None and not getattr(content, "handshake", False):
             yield from trace(content)
 
-    def _SampleBlock(self, block: Any) -> Iterator[TraceRecord]:  # noqa: N802 - named as the message
+    def _SampleBlock(self, block: SampleBlock) -> Iterator[TraceRecord]:  # noqa: N802 - named as the message
         unlikely = [delay for delay in block.skew if not 0.0 <= delay <= _LONGEST_DELAY]
         if unlikely:
             raise TraceError(f"a channel's delay is {unlikely[0]} s; allowed: 0 to {_LONGEST_DELAY:g} s")
@@ -78,7 +84,7 @@ class Tracer:
                 beam = float(columns["beam_displacement"][place])
                 yield damper(time_ns, Pose(support, beam, height=self._height), self._radius)
 
-    def _PlantTruth(self, truth: Any) -> Iterator[TraceRecord]:  # noqa: N802
+    def _PlantTruth(self, truth: PlantTruth) -> Iterator[TraceRecord]:  # noqa: N802
         self._truth = True
         columns = {name: np.asarray(getattr(truth, name)) for name in ("support", "beam", "grain", "ceiling")}
         yield from self._samples(truth, {f"true_{name}": values for name, values in columns.items()})
@@ -87,7 +93,7 @@ class Tracer:
             pose = Pose(0.0 if self._forced else support, *others)
             yield damper(time_ns, pose, self._radius)
 
-    def _samples(self, block: Any, columns: Mapping[str, Array], skew: Sequence[float] = ()) -> Iterator[TraceRecord]:
+    def _samples(self, block: Block, columns: Mapping[str, Array], skew: Sequence[float] = ()) -> Iterator[TraceRecord]:
         places = list(_places(block, self._rate))
         delays = skew if len(skew) else [0.0] * len(columns)
         for (name, values), delay in zip(columns.items(), delays, strict=True):
@@ -95,7 +101,7 @@ class Tracer:
             for place, time_ns in places:
                 yield number(name, time_ns + later, float(values[place]))
 
-    def _Excitation(self, found: Any) -> Iterator[TraceRecord]:  # noqa: N802
+    def _Excitation(self, found: Excitation) -> Iterator[TraceRecord]:  # noqa: N802
         time_ns, bound = stamp_of(found), _BOUNDS * found.amplitude_std
         yield number("amplitude_low", time_ns, found.amplitude - bound)
         yield number("amplitude_high", time_ns, found.amplitude + bound)
@@ -105,19 +111,17 @@ class Tracer:
             if closed > 0.0:
                 yield number("efficiency", time_ns, efficiency(found.beam_amplitude, closed))
 
-    def _CeilingState(self, state: Any) -> Iterator[TraceRecord]:  # noqa: N802
+    def _CeilingState(self, state: CeilingState) -> Iterator[TraceRecord]:  # noqa: N802
         self._height = state.height
         yield _text("ceiling_mode", stamp_of(state), Mode(state.mode).name.lower())
 
-    def _SupervisorState(self, state: Any) -> Iterator[TraceRecord]:  # noqa: N802
+    def _SupervisorState(self, state: SupervisorState) -> Iterator[TraceRecord]:  # noqa: N802
         yield _text("supervisor_state", stamp_of(state), RunState(state.state).name.lower())
 
-    def _Event(self, event: Any) -> Iterator[TraceRecord]:  # noqa: N802
+    def _Event(self, event: Event) -> Iterator[TraceRecord]:  # noqa: N802
         stamp = class_of("builtin_interfaces/msg/Time")(event.header.stamp.sec, event.header.stamp.nanosec)
-        line = class_of(LOG)(
-            stamp=stamp, level=_LEVELS[event.severity], name=event.node,
-            msg=f"{event.kind}: {event.text}", file="", function="", line=0,
-        )  # fmt: skip
+        level, text = _LEVELS[event.severity], f"{event.kind}: {event.text}"
+        line = class_of(LOG)(stamp=stamp, level=level, name=event.node, msg=text, file="", function="", line=0)
         yield message("log", stamp_of(event), LOG, line)
 
 
@@ -125,7 +129,7 @@ def _text(name: str, time_ns: int, word: str) -> TraceRecord:
     return message(name, time_ns, TEXT, class_of(TEXT)(word))
 
 
-def _places(block: Any, rate: float) -> Iterator[tuple[int, int]]:
+def _places(block: Block, rate: float) -> Iterator[tuple[int, int]]:
     """Yield place in the block and time [ns] of every n-th sample of the stream, at most `rate` a second."""
     every = max(1, math.ceil(block.rate / rate - 1e-9))
     start_ns = stamp_of(block)

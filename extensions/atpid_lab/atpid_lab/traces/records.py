@@ -34,7 +34,7 @@ def number(name: str, time_ns: int, value: float) -> TraceRecord:
     return TraceRecord(PREFIX + name, NUMBER, time_ns, _LITTLE_ENDIAN + _NUMBER.pack(value)[4:])
 
 
-def message(name: str, time_ns: int, kind: str, content: Any) -> TraceRecord:
+def message(name: str, time_ns: int, kind: str, content: object) -> TraceRecord:
     """Return `content`, made by `class_of(kind)`, on the topic PREFIX + `name`."""
     return TraceRecord(PREFIX + name, kind, time_ns, bytes(_store().serialize_cdr(content, kind)))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulate a scene with a measured support and compare the beam's motion, period by period (Eq. 3.46).
+"""`atpid bag validate RECORDING`: a scene simulated with the measured support, compared by period (Eq. 3.46).
 
 Rules. Support and beam count from their rest: the mean over the whole periods of the second half of the part. The beam
 begins with displacement and velocity of a polynomial of fifth degree through the first quarter of a period; the grain
@@ -14,22 +14,39 @@ every period: so amplitudes of whole periods are compared, half the range in eac
 of less than a period changes little.
 """
 
+from __future__ import annotations
+
+import argparse
 import math
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
 
+from atpid_common import output
+from atpid_common.arguments import file_path, positive
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_common.vocabulary import DRIVES, Drive
 from atpid_control.analysis.signals import Signals, runs, signals_of
-from atpid_control.runs.run import BEAM, Run
-from atpid_sim.scene import Scene, SceneError
+from atpid_control.commands.results import Shown, add_part, add_results, claim, give, two_columns
+from atpid_control.runs.formats import bag_of
+from atpid_control.runs.run import BEAM, Run, open_run
+from atpid_sim.display import working
+from atpid_sim.figure_style import LIGHT, Panels
+from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.integration import FIDELITIES
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: Samples below which nothing is compared: a cubic spline and an initial velocity need more.
 _FEWEST_SAMPLES = 100
@@ -74,15 +91,14 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
         gaps = np.flatnonzero(~np.isfinite(series))
         if len(gaps):
             at = part.start + gaps[0] / part.rate
-            raise ValidationError(
-                f"{run.path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to"
-            )
+            wrong = f"{run.path}: {name} is missing or invalid at {at:g} s"
+            raise ValidationError(f"{wrong}; choose a part with --from, --to")
     heights = np.column_stack([run.ceiling.time - part.start, run.ceiling.height])
     heights = heights[np.isfinite(heights).all(axis=1)]
     heights = heights[np.argsort(heights[:, 0], kind="stable")]
     chosen = math.isinf(begin) and math.isinf(end) and len(part.response) < len(whole.response)
-    return Measured(part.rate, part.excitation, part.response, heights if len(heights) else None, part.start, chosen,
-                    part.origin, run.drive, tuple(missing))  # fmt: skip
+    ceiling, about = heights if len(heights) else None, (part.origin, run.drive, tuple(missing))
+    return Measured(part.rate, part.excitation, part.response, ceiling, part.start, chosen, *about)
 
 
 def _without_gap(whole: Signals) -> Signals:
@@ -127,7 +143,7 @@ class Agreement:
     period_time: Array  # (k,) middle of each whole period [s]
     measured_amplitude: Array  # (k,) [m]
     simulated_amplitude: Array  # (k,) [m]
-    compared: Any  # (k,) whether the period counts
+    compared: NDArray[np.bool_]  # (k,) whether the period counts
     lag: float  # of the measurement [s]
     left_out: float  # at the begin [s]
     fidelity: str
@@ -149,16 +165,18 @@ class Agreement:
         """Root mean square of the difference of the displacements over that of the measured one [-]."""
         return float(np.sqrt(np.mean((self.measured - self.simulated) ** 2) / np.mean(self.measured**2)))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return the numbers, in SI units."""
         worst = int(np.argmax(np.abs(self.errors)))
-        return {
-            "relative_rmse": self.rmse, "displacement_error": self.displacement_error, "lag": self.lag,
+        kept = {name: getattr(self, name) for name in ("lag", "left_out", "fidelity", "reproducible")}
+        return kept | {
+            "relative_rmse": self.rmse,
+            "displacement_error": self.displacement_error,
             "largest_error": float(self.errors[worst]),
             "largest_error_at": float(self.period_time[self.compared][worst]),
-            "periods": len(self.compared), "compared_periods": int(self.compared.sum()), "left_out": self.left_out,
-            "fidelity": self.fidelity, "reproducible": self.reproducible,
-        }  # fmt: skip
+            "periods": len(self.compared),
+            "compared_periods": int(self.compared.sum()),
+        }
 
 
 def driven_scene(scene: Scene, measured: Measured, series: Path, height: float | None) -> Scene:
@@ -177,31 +195,27 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
     times = np.arange(count) / measured.rate
     start = np.polynomial.Polynomial.fit(times, measured.beam[:count], _DEGREE)
     samples = period * measured.rate
-    ceiling: dict[str, Any]
-    if height is not None:
-        ceiling = {"height": height}
-    elif measured.ceiling is None:
-        raise ValidationError("the ceiling's height was not recorded; give --height")
-    else:
+    ceiling: Document = {"height": height}
+    if height is None:
+        if measured.ceiling is None:
+            raise ValidationError("the ceiling's height was not recorded; give --height")
         ceiling = {"profile": _profile(measured.ceiling, measured.duration, 2.0 * scene.grain.radius)}
-    first = float(ceiling["height"] if "height" in ceiling else ceiling["profile"][0][1])
-    closed = first <= 2.0 * scene.grain.radius + _CLOSED
+    closed = (height or ceiling["profile"][0][1]) <= 2.0 * scene.grain.radius + _CLOSED
     left_out = 0.0 if closed else _UNKNOWN * period
     if left_out + _FEWEST * period > measured.duration:
         raise ValidationError(
             f"the part lasts {measured.duration:g} s, of which {left_out:.3g} s are left out (the ceiling is open at "
             f"its begin); needed: {_FEWEST} periods more, {left_out + _FEWEST * period:.3g} s, or a closed damper there"
         )
-    return scene.with_(
-        excitation={"series": {"file": str(series), "displacement": measured.drive.channel,
-                               "offset": rest_of(measured.support, samples)}}, ceiling=ceiling,
-        initial={"displacement": float(start(0.0)) - rest_of(measured.beam, samples),
-                 "velocity": float(start.deriv()(0.0))},
-        duration=measured.duration, steady_window=[left_out, measured.duration],
-    )  # fmt: skip
+    changes: Document = {"ceiling": ceiling, "steady_window": [left_out, measured.duration]}
+    driven: Document = {"file": str(series), "displacement": measured.drive.channel}
+    driven["offset"] = _rest_of(measured.support, samples)
+    from_rest = float(start(0.0)) - _rest_of(measured.beam, samples)
+    changes["initial"] = {"displacement": from_rest, "velocity": float(start.deriv()(0.0))}
+    return scene.with_(excitation={"series": driven}, duration=measured.duration, **changes)
 
 
-def rest_of(displacement: Array, samples: float) -> float:
+def _rest_of(displacement: Array, samples: float) -> float:
     """Return the mean [m] of a displacement (n,) [m] over the whole periods, `samples` each, of its second half."""
     count = round(max(1.0, np.floor(0.5 * len(displacement) / samples)) * samples)
     return float(displacement[-count:].mean())
@@ -220,12 +234,11 @@ def compare(scene: Scene, measured: Measured, fidelity: str = "auto") -> Agreeme
     begin = first + max(-lag, 0)  # of the simulation
     ours, theirs = (amplitudes_per_period(series, samples) for series in (one, other))
     compared = ours > _STILL * ours.max()
-    time = motion.time[begin : begin + len(one)]
-    return Agreement(
-        time, one - one.mean(), other - other.mean(), motion.ceiling[begin : begin + len(one)],
-        time[0] + (np.arange(len(ours)) + 0.5) / scene.natural_frequency_hz, ours, theirs, compared,
-        lag / measured.rate, scene.steady_window[0], result.fidelity, result.reproducible,
-    )  # fmt: skip
+    time, ceiling = motion.time[begin : begin + len(one)], motion.ceiling[begin : begin + len(one)]
+    periods = time[0] + (np.arange(len(ours)) + 0.5) / scene.natural_frequency_hz
+    series = time, one - one.mean(), other - other.mean(), ceiling, periods, ours, theirs, compared
+    found = lag / measured.rate, scene.steady_window[0], result.fidelity, result.reproducible
+    return Agreement(*series, *found)
 
 
 def _profile(heights: Array, duration: float, least: float) -> list[list[float]]:
@@ -272,3 +285,115 @@ def relative_rmse(experiment: Array, simulation: Array) -> float:
     experiment, simulation: (k,) [m], as `amplitudes_per_period` gives them.
     """
     return float(np.sqrt(np.mean(((experiment - simulation) / experiment) ** 2)))
+
+
+SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", "agreement.json"
+EXAMPLE = "bags/thesis_4_3_short --out out/agreement"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    recording = "a bag, of one that is cut off what is there, or a .csv table with time, support and beam"
+    add("recording", type=file_path, metavar="RECORDING", help=recording)
+    scene = "beam, grain and contact; default: the scene kept in the bag"
+    add("--scene", type=file_path, metavar="SCENE.yaml", help=scene)
+    add("--height", type=positive("m"), metavar="H", help="a fixed ceiling [m]; default: as recorded")
+    add_part(parser, "begin of the part compared")
+    add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
+    add_results(parser, "scene, series, picture and numbers")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, compare, print; return 0.
+
+    Raises ValidationError, SceneError, BagError, NumericalFailure, OutputError.
+    """
+    args.recording = bag_of(args.recording)
+    series, kept, picture, file = claim(args, SERIES, SCENE, PICTURE, NUMBERS)
+    recorded = open_run(args.recording)
+    measured = read_measured(recorded, args.begin, args.end)
+    scene = scene_of(recorded) if args.scene is None else load_scene(args.scene)
+    times = np.arange(len(measured.support)) / measured.rate
+    with output.writing(series):
+        columns, head = np.column_stack([times, measured.support]), f"time,{measured.drive.channel}"
+        np.savetxt(series, columns, fmt="%.12g", delimiter=",", header=head, comments="")
+    driven = driven_scene(scene, measured, series.resolve(), args.height)
+    with output.writing(kept):
+        kept.write_text(driven.to_yaml(), encoding="utf-8")
+    with working("simulating"):
+        found = compare(driven, measured, args.fidelity)
+    end = measured.begin + measured.duration
+    faults = recorded.faults(measured.begin, end)
+    part = {"begin": measured.begin, "end": end, "without_gap": measured.chosen, "missing": measured.missing}
+    numbers = found.to_json() | part | {"origin": measured.origin, "faults": faults}
+    notes = [f"not to be trusted: {line}" for line in faults]
+    title = f"{args.recording} beside its simulation"
+    return give(args, numbers, file, Shown(title, _table(found, measured), notes, picture, panels(found)))
+
+
+def _table(found: Agreement, measured: Measured) -> Table:
+    numbers = found.to_json()
+    irregular = "" if found.reproducible else " (irregular: repeated simulations do not agree)"
+    span = f"{measured.begin:.4g} to {measured.begin + measured.duration:.4g} s"
+    rows = [
+        ("origin of the samples", measured.origin),
+        ("part", f"{span}, the longest without a gap" if measured.chosen else span),
+        ("relative RMSE of the amplitudes (Eq. 3.46)", f"{100.0 * found.rmse:.3g} %"),
+        ("largest of a period", f"{100.0 * numbers['largest_error']:+.3g} % at {numbers['largest_error_at']:.3g} s"),
+        ("difference of the displacements, root mean square", f"{100.0 * found.displacement_error:.3g} %"),
+        ("periods compared", f"{numbers['compared_periods']} of {numbers['periods']}"),
+        ("left out at the begin, grain's place unknown", f"{found.left_out:.3g} s"),
+        ("lag of the measured beam, taken off", f"{1e3 * found.lag:.3g} ms"),
+        ("fidelity", found.fidelity + irregular),
+    ]
+    return two_columns(rows)
+
+
+#: Periods shown close up, at the end.
+_CLOSE_UP = 6
+
+
+def panels(found: Agreement) -> Panels:
+    """Return the panels of a comparison."""
+    return [[partial(drawer, found=found)] for drawer in (_whole, _difference, _amplitudes, _ceiling, _last)]
+
+
+def _whole(ax: Axes, found: Agreement) -> None:
+    _motions(ax, found, found.time[0])
+    ax.set(title="Beam displacement from rest")
+
+
+def _difference(ax: Axes, found: Agreement) -> None:
+    ax.plot(found.time, 1e3 * (found.measured - found.simulated), LIGHT.accent, linewidth=0.7)
+    _over_time(ax, found, "Measured less simulated")
+
+
+def _amplitudes(ax: Axes, found: Agreement) -> None:
+    ax.plot(found.period_time, 1e3 * found.measured_amplitude, LIGHT.given_text, marker=".", label="measured")
+    ax.plot(found.period_time, 1e3 * found.simulated_amplitude, LIGHT.own, linewidth=1.2, label="simulated")
+    _over_time(ax, found, f"Amplitude of each period; relative RMSE {100.0 * found.rmse:.2g} %")
+    ax.set_ylim(0.0, None)
+
+
+def _ceiling(ax: Axes, found: Agreement) -> None:
+    ax.plot(found.time, 1e3 * found.ceiling, LIGHT.own, linewidth=1.4)
+    _over_time(ax, found, "Ceiling height")
+    ax.set_ylim(0.0, None)
+
+
+def _last(ax: Axes, found: Agreement) -> None:
+    period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else np.inf
+    _motions(ax, found, max(found.time[0], found.time[-1] - _CLOSE_UP * period))
+    ax.set(title=f"The last {_CLOSE_UP} periods")
+
+
+def _motions(ax: Axes, found: Agreement, begin: float) -> None:
+    shown = found.time >= begin
+    ax.plot(found.time[shown], 1e3 * found.measured[shown], LIGHT.given_text, linewidth=2.4, label="measured")
+    ax.plot(found.time[shown], 1e3 * found.simulated[shown], LIGHT.own, linewidth=0.8, label="simulated")
+    ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]")
+
+
+def _over_time(ax: Axes, found: Agreement, title: str) -> None:
+    ax.set(xlim=(found.time[0], found.time[-1]), xlabel="time [s]", ylabel="mm", title=title)

@@ -1,28 +1,48 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Two recorded runs on one time axis: by the start of their samples, by the clock of the hardware, or by an event."""
+"""`atpid bag compare A B --out DIR`: two recorded runs on one time axis, overlaid, their differences in a table.
 
+The axis is common by the start of their samples, by the clock of the hardware, or by an event.
+"""
+
+from __future__ import annotations
+
+import argparse
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
+from atpid_common.arguments import file_path, word
 from atpid_common.errors import InputError
+from atpid_common.files import Document
 from atpid_control.analysis.orders import Orders, orders, steady_part
+from atpid_control.analysis.rows import shown_unit
 from atpid_control.analysis.signals import AnalysisError, Signals, signals_of
 from atpid_control.analysis.spectra import Spectrum, spectrum
+from atpid_control.commands.results import Shown, add_results, claim, give
+from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import open_run
 from atpid_control.views.report.latency import latency_of
+from atpid_control.views.report.panels import extremes
 from atpid_control.views.report.stages import Stage
 from atpid_control.views.report.view import View, origin_of, view_of
+from atpid_sim.display import working
+from atpid_sim.figure_style import LIGHT, Panels
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.system import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: How runs are aligned, besides by the kind of an event.
 START, CLOCK = "start", "clock"
@@ -56,7 +76,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class RunOnAxis:
+class _RunOnAxis:
     """One of the two runs."""
 
     name: str
@@ -78,7 +98,7 @@ class RunOnAxis:
 class Compared:
     """Two runs beside each other."""
 
-    runs: tuple[RunOnAxis, RunOnAxis]
+    runs: tuple[_RunOnAxis, _RunOnAxis]
     aligned_by: str
     rows: list[Row]
     time: Array  # (n,) the common part [s]
@@ -86,17 +106,17 @@ class Compared:
     doubts: tuple[str, ...]
     missing: tuple[str, ...]  # what is not in the bags and should be
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """Return the numbers as plain values."""
-        rows = [
-            {"name": row.name, "unit": row.unit, "first": row.first, "second": row.second,
-             "spreads": list(row.spreads), "difference": row.difference, "relative": row.relative}
-            for row in self.rows
-        ]  # fmt: skip
-        origins = [placed.signals.origin for placed in self.runs]
-        return {"bags": [placed.name for placed in self.runs], "origin": origins, "aligned_by": self.aligned_by,
-                "shifts": [placed.shift for placed in self.runs], "rows": rows, "doubts": list(self.doubts),
-                "missing": list(self.missing)}  # fmt: skip
+        return {
+            "bags": [placed.name for placed in self.runs],
+            "origin": [placed.signals.origin for placed in self.runs],
+            "aligned_by": self.aligned_by,
+            "shifts": [placed.shift for placed in self.runs],
+            "rows": [asdict(row) | {"difference": row.difference, "relative": row.relative} for row in self.rows],
+            "doubts": self.doubts,
+            "missing": self.missing,
+        }
 
 
 def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
@@ -112,24 +132,27 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
     rows = [*_rows(runs), *_difference_rows(runs, difference)]
-    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)),
-                    runs[0].missing + runs[1].missing)  # fmt: skip
+    missing = runs[0].missing + runs[1].missing
+    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)), missing)
 
 
 def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:
-    labels = [" · ".join(origin_of(view)[:2]) if "scene" in view.run.about else str(path)
-              for view, path in zip(views, paths, strict=True)]  # fmt: skip
-    return labels if labels[0] != labels[1] else [str(path) for path in paths]
+    named = list(map(str, paths))
+    labels = [
+        " · ".join(origin_of(view)[:2]) if "scene" in view.run.about else name
+        for view, name in zip(views, named, strict=True)
+    ]
+    return labels if labels[0] != labels[1] else named
 
 
-def _placed(path: Path, label: str, view: View, shift: float) -> RunOnAxis:
+def _placed(path: Path, label: str, view: View, shift: float) -> _RunOnAxis:
     signals, missing = signals_of(view.run, both=False)
     found: Orders | None = None
     density: Spectrum | None = None
     with suppress(AnalysisError):  # a run too short, or without excitation: its rows are missing in the table
         density = spectrum(signals.response, signals.rate)
         found = orders(steady_part(signals))
-    return RunOnAxis(str(path), label, view, signals, shift, density, found, tuple(missing))
+    return _RunOnAxis(str(path), label, view, signals, shift, density, found, tuple(missing))
 
 
 def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[float]:
@@ -149,7 +172,7 @@ def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[flo
     return [0.0, times[0] - times[1]]
 
 
-def _difference(runs: list[RunOnAxis], align: str) -> tuple[Array, Array]:
+def _difference(runs: list[_RunOnAxis], align: str) -> tuple[Array, Array]:
     """Return the common times (n,) [s] and the difference of the beams there (n,) [m], NaN in a gap of one of them."""
     times = [placed.time for placed in runs]
     begin, end = max(time[0] for time in times), min(time[-1] for time in times)
@@ -180,7 +203,7 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
 )
 
 
-def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     """Yield what both runs have, side by side."""
     first, second = (placed.view for placed in runs)
     drives = list(dict.fromkeys(placed.view.run.drive for placed in runs))
@@ -195,8 +218,8 @@ def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
             yield Row(f"stage {number}: {name}", unit or drives[0].unit, one, other, spreads=(scatter, others))
     yield from _order_rows(runs)
     if first.decrements or second.decrements:
-        yield Row("largest ratio of successive peaks", "-", *(v.decrements[0] if v.decrements else math.nan
-                                                             for v in (first, second)))  # fmt: skip
+        ratios = (view.decrements[0] if view.decrements else math.nan for view in (first, second))
+        yield Row("largest ratio of successive peaks", "-", *ratios)
     recorded = [view.run for view in (first, second)]
     delays = [latency_of(run) if run.about.get("clock") == "real time" else {} for run in recorded]
     if any(delays):
@@ -209,7 +232,7 @@ def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
         yield Row(f"events: {kind}", "", float(counts[0][kind]), float(counts[1][kind]))
 
 
-def _order_rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+def _order_rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     found = [placed.orders for placed in runs]
     if any(found):
         amplitudes = [math.nan if one is None else float(one.amplitude[0]) for one in found]
@@ -217,7 +240,7 @@ def _order_rows(runs: list[RunOnAxis]) -> Iterator[Row]:
         yield Row("distortion (THD), last part", "-", *(math.nan if one is None else one.distortion for one in found))
 
 
-def _difference_rows(runs: list[RunOnAxis], difference: Array) -> Iterator[Row]:
+def _difference_rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
     known = difference[np.isfinite(difference)]
     size = float(np.nanstd(runs[0].view.run.motion.beam))
     root = float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
@@ -225,7 +248,7 @@ def _difference_rows(runs: list[RunOnAxis], difference: Array) -> Iterator[Row]:
     yield Row("the same over the first's standard deviation", "-", 0.0, root / size if size > 0.0 else math.nan)
 
 
-def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
+def _doubts(runs: list[_RunOnAxis]) -> Iterator[str]:
     for placed in runs:
         run = placed.view.run
         if run.lost:
@@ -240,3 +263,145 @@ def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
     counts = [len(placed.view.stages) for placed in runs]
     if counts[0] != counts[1]:
         yield f"{counts[0]} stages in the first, {counts[1]} in the second: those without a partner have no difference"
+
+
+PICTURE, NUMBERS = "bags.png", "bags.json"
+
+EXAMPLE = "bags/thesis_4_3_short bags/rumble --out out/two"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("first", type=file_path, metavar="A", help="folder of the first bag; of one that is cut off what is there")
+    add("second", type=file_path, metavar="B", help="folder of the second bag")
+    add_results(parser)
+    align = f"common time 0: {START} of the samples, {CLOCK} of the hardware, or a kind of event; default: {START}"
+    add("--align", type=word, default=START, metavar="BY", help=align)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare, write picture and numbers, print; return 0. Raises BagError, BagComparisonError, OutputError."""
+    bags = bag_of(args.first), bag_of(args.second)
+    picture, file = claim(args, PICTURE, NUMBERS)
+    with working("reading both, repeating their stages by simulation"):
+        found = compare_bags(*bags, args.align)
+    notes = [f"note: {line}" for line in found.doubts]
+    first, second = (placed.label for placed in found.runs)
+    title = f"{first} (first) beside {second} (second), aligned by {found.aligned_by}"
+    return give(args, found.to_json(), file, Shown(title, table(found), notes, picture, panels(found)))
+
+
+def table(found: Compared) -> Table:
+    """Return the differences as a table, lengths in mm; ±: half the spread of single runs of an irregular motion."""
+    shown = Table(box=SIMPLE_HEAD, pad_edge=False)
+    shown.add_column("quantity")
+    for name in ("first", "second", "difference", "relative"):
+        shown.add_column(name, justify="right", no_wrap=True)
+    shown.add_row("origin of the samples", *(placed.signals.origin for placed in found.runs))
+    for row in found.rows:
+        scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
+        shown.add_row(f"{row.name}{unit and f' [{unit}]'}", *_cells(row, scale))
+    return shown
+
+
+def _cells(row: Row, scale: float) -> list[str]:
+    values = zip((row.first, row.second, row.difference), (*row.spreads, math.hypot(*row.spreads)), strict=True)
+    relative = f"{100.0 * row.relative:+.2f} %" if math.isfinite(row.relative) else ""
+    return [*(_value(scale * value, scale * spread) for value, spread in values), relative]
+
+
+def _value(value: float, spread: float) -> str:
+    if not math.isfinite(value):
+        return "–"
+    if not spread:
+        return f"{value:.5g}"
+    digits = max(0, 1 - math.floor(math.log10(spread)))  # two of the spread
+    return f"{value:.{digits}f} ± {spread:.{digits}f}"
+
+
+#: Points of a curve at most; periods shown close up; decades of a density; stretches of an envelope.
+_POINTS, _CLOSE_UP, _DECADES, _STRETCHES = 20_000, 6.0, 1e-9, 400
+_COLOURS = (LIGHT.accent, LIGHT.own)
+#: The first is wider, so that it is seen below a second that is the same.
+_WIDTHS = (2.6, 1.0)
+
+
+def panels(found: Compared) -> Panels:
+    """Return the panels of a comparison."""
+    rows = ((_beam,), (_last,), (_beside,), (_excitation, _ceiling), (_spectra,))
+    return [[partial(drawer, found=found) for drawer in row] for row in rows]
+
+
+def _looks(found: Compared) -> Iterator[tuple[_RunOnAxis, dict[str, Any]]]:
+    """Yield each run with the look of its lines."""
+    for placed, colour, width in zip(found.runs, _COLOURS, _WIDTHS, strict=True):
+        yield placed, {"color": colour, "linewidth": width, "label": placed.label}
+
+
+def _period(found: Compared) -> float:
+    return 1.0 / min((placed.orders.frequency for placed in found.runs if placed.orders is not None), default=5.0)
+
+
+def _beam(ax: Axes, found: Compared) -> None:
+    """Draw the highest and lowest of each stretch, so that neither run hides the other."""
+    stretch = max(_period(found), float(np.ptp(found.time)) / _STRETCHES)
+    for placed, look in _looks(found):
+        edges = np.arange(placed.time[0], placed.time[-1], stretch)
+        parts = np.split(1e3 * placed.signals.response, np.searchsorted(placed.time, edges[1:]))[:-1]  # the last is cut
+        known = [part[np.isfinite(part)] for part in parts]
+        for extreme, shown in ((np.max, look), (np.min, look | {"label": None})):
+            value = [extreme(part) if len(part) else np.nan for part in known]
+            ax.plot(edges[:-1] + 0.5 * stretch, value, **shown)
+    ax.set(xlabel="time [s]", ylabel="mm", title="Beam: highest and lowest of each period")
+
+
+def _last(ax: Axes, found: Compared) -> None:
+    end = float(found.time[-1])
+    begin = end - _CLOSE_UP * _period(found)
+    for placed, look in _looks(found):
+        inside = (placed.time >= begin) & (placed.time <= end)
+        time, beam = placed.time[inside], placed.signals.response[inside]
+        shown = extremes(beam, _POINTS)
+        ax.plot(time[shown], 1e3 * beam[shown], **look)
+    ax.set(xlim=(begin, end), xlabel="time [s]", ylabel="mm", title=f"Beam, the last {_CLOSE_UP:g} periods")
+
+
+def _beside(ax: Axes, found: Compared) -> None:
+    shown = extremes(found.difference, _POINTS)
+    ax.plot(found.time[shown], 1e3 * found.difference[shown], color=LIGHT.ink, linewidth=0.7)
+    ends = (float(found.time[0]), float(found.time[-1]))
+    ax.set(xlim=ends, xlabel="time [s]", ylabel="mm", title="Beam, second less first")
+
+
+def _excitation(ax: Axes, found: Compared) -> None:
+    for placed, look in _looks(found):
+        run, scale = placed.view.run, shown_unit(placed.view.run.drive.unit)[0]
+        steady = run.estimates.steady
+        time, amplitude = run.estimates.time[steady] + placed.shift, scale * run.estimates.amplitude[steady]
+        ax.plot(time, amplitude, ".", markersize=3.0 * look["linewidth"], **look)
+    drives = dict.fromkeys(placed.view.run.drive for placed in found.runs)
+    title = f"{' and '.join(drive.name for drive in drives)} amplitude, identified".capitalize()
+    ax.set(xlabel="time [s]", ylabel=" and ".join(shown_unit(drive.unit)[1] for drive in drives), title=title)
+
+
+def _ceiling(ax: Axes, found: Compared) -> None:
+    for placed, look in _looks(found):
+        ceiling = placed.view.run.ceiling
+        ax.plot(ceiling.time + placed.shift, 1e3 * ceiling.height, **look)
+    ax.set(xlabel="time [s]", ylabel="mm", title="Ceiling height, measured")
+
+
+def _spectra(ax: Axes, found: Compared) -> None:
+    top = right = 0.0
+    for placed, look in _looks(found):
+        if placed.spectrum is None:
+            continue
+        frequency, density = placed.spectrum.frequency[1:], placed.spectrum.density[1:]
+        ax.semilogy(frequency, density, **look)
+        top = max(top, float(density.max()))
+        total = np.cumsum(density)
+        right = max(right, 8.0 * float(frequency[np.searchsorted(total, 0.5 * total[-1])]))
+    if top > 0.0:
+        ax.set(ylim=(_DECADES * top, 3.0 * top), xlim=(0.0, right))
+    ax.set(xlabel="frequency [Hz]", ylabel="m²/Hz", title="Power spectral density of the beam")
