@@ -1,7 +1,10 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What every ceiling promises, by the simulated one and by the real firmware on the emulated board."""
+"""What every ceiling promises, by the simulated one and the firmware on the emulated board; the drive of a package."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,3 +46,38 @@ class TestSerial(CeilingContract):
 
     def make(self) -> CeilingActuator:
         return actuator_of(settings(self.folder))
+
+
+MADE = """
+from atpid_driver import SettingsError
+from atpid_driver.motor import MotorSettings, actuator_of
+try:
+    made = actuator_of(MotorSettings(backend="mine", lowest=0.017, highest=1.0, speed=0.3))
+    print(made.limits.highest)
+except SettingsError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("drive", "printed"),
+    [
+        ("from atpid_driver.motor.simulated import SimulatedActuator as S\nmake = lambda s: S(s.limits, 0.2)", "1.0"),
+        ("make = lambda settings: object()", "backend mine (my_drive:make): lacks activate, close, connect,"),
+        (
+            "import no_such_library",
+            "mine (my_drive:make of my-drive 1), an entry point of the group atpid.drives: cannot",
+        ),
+    ],
+)
+def test_the_drive_of_another_package_is_a_backend(tmp_path: Path, drive: str, printed: str) -> None:
+    (tmp_path / "my_drive.py").write_text(drive)
+    info = tmp_path / "my_drive-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-drive\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[atpid.drives]\nmine = my_drive:make\n")
+    paths = f"{tmp_path}:{os.environ['PYTHONPATH']}"
+    ran = subprocess.run(
+        [sys.executable, "-c", MADE], env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.startswith(printed)

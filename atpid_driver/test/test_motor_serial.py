@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from atpid_driver.emulator import Emulator
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.faults import (
     WORDS,
-    HeightRefusedError,
     LimitsError,
     LinkError,
     MotorFault,
@@ -118,17 +116,6 @@ def ready(rig: Rig) -> Rig:
     return rig
 
 
-def test_connected_it_is_disarmed_and_does_not_move(rig: Rig) -> None:
-    assert rig.read().mode is Mode.UNCONFIGURED
-    with pytest.raises(NotReadyError):
-        rig.move(0.5)
-    assert rig.actuator.connect(time.monotonic_ns())
-    reading = rig.read()
-    assert (reading.mode, reading.homed, reading.velocity) == (Mode.DISARMED, False, 0.0)
-    with pytest.raises(NotReadyError):
-        rig.move(0.5)
-
-
 def test_it_travels_to_a_height_at_its_speed(ready: Rig) -> None:
     start = ready.read()
     assert (start.mode, start.homed, start.faults, start.speed) == (Mode.HOLDING, True, 0, 0.3)
@@ -148,40 +135,6 @@ def test_it_travels_to_a_height_at_its_speed(ready: Rig) -> None:
     assert there.height == pytest.approx(0.68, abs=RESOLUTION)
     assert ready.actuator.health()["hardware_id"]
     assert ready.reports == []
-
-
-def test_nan_stops_it_where_it_is(ready: Rig) -> None:
-    ready.move(0.1)
-    ready.wait(Mode.MOVING)
-    ready.move(nan, 2)
-    there = ready.wait(Mode.HOLDING)
-    assert there.height > 0.5
-    assert there.target == pytest.approx(there.height, abs=2 * RESOLUTION)
-
-
-def test_heights_outside_the_limits_are_refused(ready: Rig) -> None:
-    before = ready.read()
-    for height in (0.0169, 1.01, -1.0, inf):
-        with pytest.raises(HeightRefusedError, match=rf"{height:g} m.* 0\.017 to 1 m"):
-            ready.move(height, before.sequence + 1)
-    after = ready.read()
-    assert (after.mode, after.sequence) == (Mode.HOLDING, before.sequence)
-    assert after.height == pytest.approx(before.height, abs=RESOLUTION)
-
-
-def test_deactivated_on_the_way_it_stops_at_once(ready: Rig) -> None:
-    ready.move(0.1)
-    ready.wait(Mode.MOVING)
-    ready.actuator.deactivate(time.monotonic_ns())
-    reading = ready.read()
-    assert (reading.mode, reading.velocity, isnan(reading.target)) == (Mode.DISARMED, 0.0, True)
-    with pytest.raises(NotReadyError):
-        ready.move(0.5)
-    arm(ready.actuator)
-    ready.actuator.close()
-    assert ready.read().mode is Mode.UNCONFIGURED
-    ready.actuator.connect(time.monotonic_ns())
-    assert ready.read().mode is Mode.DISARMED
 
 
 def test_the_thread_that_writes_a_stop_has_the_priority_of_its_process(rig: Rig) -> None:
@@ -317,12 +270,6 @@ def test_closing_disarms(rig: Rig) -> None:
     rig.start_down()
     rig.actuator.close()
     assert rig.until_off() < 50.0, "by its word, not by the heartbeat"
-
-
-def test_looking_at_it_does_not_keep_it_on(rig: Rig) -> None:
-    rig.start_down()
-    wait_for(lambda: rig.actuator.observe(time.monotonic_ns()).mode is not Mode.MOVING, "the end of the motion")
-    assert rig.actuator.observe(time.monotonic_ns()).faults == MotorFault.HEARTBEAT
 
 
 def test_a_stop_without_a_line_is_not_answered_as_done(rig: Rig) -> None:

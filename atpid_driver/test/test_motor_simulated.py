@@ -64,44 +64,6 @@ def test_travels_at_constant_speed_and_arrives_exactly() -> None:
     assert Travel(SECOND, 0.1, 0.2, 0.3).height(0) == 0.1, "before its start"
 
 
-def test_nan_stops_and_stays() -> None:
-    ceiling = ready()
-    ceiling.move(0.617, 1, 0)
-    ceiling.move(nan, 2, SECOND)
-    later = ceiling.read(9 * SECOND)
-    assert later.mode is Mode.HOLDING
-    assert later.height == later.target == pytest.approx(0.317, abs=1e-15)
-
-
-@pytest.mark.parametrize("height", [0.0169, 1.0001, 0.0, -1.0, float("inf"), float("-inf")])
-def test_heights_outside_the_limits_are_refused_and_nothing_moves(height: float) -> None:
-    ceiling = ready()
-    with pytest.raises(HeightRefusedError, match=f"{height:g} m.* 0.017 to 1 m"):
-        ceiling.move(height, 1, 0)
-    assert ceiling.read(SECOND).height == 0.017
-    assert ceiling.read(SECOND).sequence == 0
-
-
-def test_does_not_move_before_it_is_activated_nor_after_it_is_deactivated() -> None:
-    ceiling = SimulatedActuator(LIMITS, 0.2)
-    assert ceiling.read(0).mode is Mode.UNCONFIGURED
-    assert ceiling.health()["hardware_id"]
-    for prepare in (lambda: None, lambda: ceiling.connect(0)):
-        prepare()
-        with pytest.raises(NotReadyError):
-            ceiling.move(0.3, 1, 0)
-    ceiling.activate(0)
-    ceiling.move(0.5, 1, 0)
-    ceiling.deactivate(SECOND // 2)
-    state = ceiling.read(5 * SECOND)
-    assert (state.mode, state.homed, isnan(state.target)) == (Mode.DISARMED, False, True)
-    assert state.height == pytest.approx(0.35, abs=1e-15)
-    ceiling.close()
-    assert ceiling.read(5 * SECOND).mode is Mode.UNCONFIGURED
-    assert ceiling.connect(5 * SECOND)
-    assert ceiling.read(5 * SECOND).mode is Mode.DISARMED
-
-
 heights = st.floats(0.017, 1.0)
 times = st.lists(st.integers(0, 20 * SECOND), min_size=1, max_size=20).map(sorted)
 

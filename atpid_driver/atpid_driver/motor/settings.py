@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from math import isfinite, nan
 from typing import Final
 
@@ -14,7 +15,10 @@ from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.known_motion import check_distance
 from atpid_driver.settings import SupervisedSettings
 
-BACKENDS: Final = ("simulated", "serial")
+BUILT_IN: Final = ("simulated", "serial")
+#: Group of the entry points that add a drive: its name, and what returns a `CeilingActuator` for these settings.
+DRIVES: Final = "atpid.drives"
+BACKENDS: Final = (*BUILT_IN, *sorted(entry_points(group=DRIVES).names - {*BUILT_IN}))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +44,7 @@ class MotorSettings(SupervisedSettings):
     faults: Sequence[str] = setting(
         ("",),
         "injected faults of a simulated ceiling: 'PART KIND FROM TO [VALUE]' (docs/faults.md); "
-        "empty: none; refused with backend serial",
+        "empty: none; refused of a real one",
         live=True,
     )
     check_move: float = setting(
@@ -74,6 +78,8 @@ class MotorSettings(SupervisedSettings):
             )
         if self.backend == "serial" and not self.port:
             raise SettingsError("port is empty: give the board's stable name, /dev/serial/by-id/...")
-        if self.backend == "serial" and self.lockstep:
-            raise SettingsError("lockstep with backend serial: a real motor has its own clock; set lockstep: false")
+        if self.backend != "simulated" and self.lockstep:
+            raise SettingsError(
+                f"lockstep with backend {self.backend}: a real motor has its own clock; set lockstep: false"
+            )
         super().__post_init__()
