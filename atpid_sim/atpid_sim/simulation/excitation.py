@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import singledispatch
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,8 +12,7 @@ import numpy as np
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation, SweepExcitation
-from atpid_sim.scene.drives import Random, Shock
-from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, Sweep, TonesExcitation
+from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, TonesExcitation
 from atpid_sim.scene.series import read_series
 from atpid_sim.simulation import signals
 from atpid_sim.simulation.signals import KNOTS_A_PERIOD, MOST_KNOTS
@@ -26,27 +26,74 @@ _LEAST_FREQUENCY = 1e-6
 
 def support_rows(scene: Scene) -> Array:
     """Return the drive rows (n, 12) of the support's motion over the scene's duration, ceiling left at zero."""
-    excitation, duration = scene.excitation, scene.duration
-    if isinstance(excitation, HarmonicExcitation):
-        if scene.frequency_moves:
-            return _moving_rows(scene)
-        return drive.harmonic_rows(scene.excitation.amplitude_points, scene.frequency_hz, duration)
-    if isinstance(excitation, FreeExcitation):
-        return drive.still_rows(duration)
-    if isinstance(excitation, SeriesExcitation):
-        from scipy.interpolate import CubicSpline  # here, since most runs need no part of scipy, which loads slowly
+    return _rows(scene.excitation, scene)
 
-        times, values = read_series(excitation.series, duration)
-        rows = drive.spline_rows(times, CubicSpline(times, values).c, duration)
-        rows[-1, columns.END] = min(rows[-1, columns.END], duration)
-        return rows
-    if isinstance(excitation, TonesExcitation):
-        return signals.tone_rows(_tones(scene, excitation), duration, "excitation.tones")
-    if isinstance(excitation, RandomExcitation):
-        return _random_rows(scene, excitation.random)
-    if isinstance(excitation, ShockExcitation):
-        return _shock_rows(scene, excitation.shock)
-    return _sweep_rows(scene, excitation.sweep)
+
+@singledispatch
+def _rows(excitation: object, _scene: Scene) -> Array:
+    """Return the rows of one kind of excitation; each kind is registered with its own."""
+    raise TypeError(f"no rows are made of {type(excitation).__name__}")
+
+
+@_rows.register
+def _still_rows(_excitation: FreeExcitation, scene: Scene) -> Array:
+    return drive.still_rows(scene.duration)
+
+
+@_rows.register
+def _harmonic_rows(excitation: HarmonicExcitation, scene: Scene) -> Array:
+    if scene.frequency_moves:
+        return _moving_rows(scene)
+    return drive.harmonic_rows(excitation.amplitude_points, scene.frequency_hz, scene.duration)
+
+
+@_rows.register
+def _series_rows(excitation: SeriesExcitation, scene: Scene) -> Array:
+    from scipy.interpolate import CubicSpline  # here, since most runs need no part of scipy, which loads slowly
+
+    times, values = read_series(excitation.series, scene.duration)
+    rows = drive.spline_rows(times, CubicSpline(times, values).c, scene.duration)
+    rows[-1, columns.END] = min(rows[-1, columns.END], scene.duration)
+    return rows
+
+
+@_rows.register
+def _tones_rows(excitation: TonesExcitation, scene: Scene) -> Array:
+    own = scene.natural_frequency_hz
+    tones = [
+        (tone.amplitude, own if isinstance(tone.frequency, str) else tone.frequency, tone.phase)
+        for tone in excitation.tones
+    ]
+    return signals.tone_rows(tones, scene.duration, "excitation.tones")
+
+
+@_rows.register
+def _random_rows(excitation: RandomExcitation, scene: Scene) -> Array:
+    """Return the rows of a random motion; what is compared with its density is what that is of."""
+    random = excitation.random
+    seed, rise = scene.seed if random.seed is None else random.seed, random.rise_in(scene.duration)
+    density, derivative = random.displacement_psd, 0 if random.unit == "m^2/Hz" else 2
+    return signals.random_rows(density, scene.duration, rise, (seed, _STREAM), "excitation.random", derivative)
+
+
+@_rows.register
+def _shock_rows(excitation: ShockExcitation, scene: Scene) -> Array:
+    own, shock = scene.natural_frequency_hz, excitation.shock
+    return signals.pulse_rows(
+        shock.peak_of(own), shock.duration, shock.at, shock.compensation_of(own), scene.duration, "excitation.shock"
+    )
+
+
+@_rows.register
+def _sweep_rows(excitation: SweepExcitation, scene: Scene) -> Array:
+    sweep = excitation.sweep
+    full = sweep.duration or scene.duration
+    length = min(full, scene.duration)
+    last = sweep.first + (sweep.last - sweep.first) * length / full
+    pieces = [_Piece(0.0, length, (sweep.first, last), (sweep.amplitude, sweep.amplitude))]
+    if length < scene.duration:
+        pieces.append(_Piece(length, scene.duration, (last, last), (sweep.amplitude, sweep.amplitude)))
+    return _joined(pieces, "excitation.sweep")
 
 
 class CommandedMotion:
@@ -115,38 +162,6 @@ def frequency_at(scene: Scene, t: float) -> float:
 def _along(points: Sequence[tuple[float, float]], t: float) -> float:
     """Return the value at time t [s] along straight ramps between points."""
     return float(np.interp(t, [at for at, _ in points], [value for _, value in points]))
-
-
-def _tones(scene: Scene, excitation: TonesExcitation) -> list[tuple[float, float, float]]:
-    own = scene.natural_frequency_hz
-    return [
-        (tone.amplitude, own if isinstance(tone.frequency, str) else tone.frequency, tone.phase)
-        for tone in excitation.tones
-    ]
-
-
-def _random_rows(scene: Scene, random: Random) -> Array:
-    """Return the rows of a random motion; what is compared with its density is what that is of."""
-    seed, rise = scene.seed if random.seed is None else random.seed, random.rise_in(scene.duration)
-    density, derivative = random.displacement_psd, 0 if random.unit == "m^2/Hz" else 2
-    return signals.random_rows(density, scene.duration, rise, (seed, _STREAM), "excitation.random", derivative)
-
-
-def _shock_rows(scene: Scene, shock: Shock) -> Array:
-    own = scene.natural_frequency_hz
-    return signals.pulse_rows(
-        shock.peak_of(own), shock.duration, shock.at, shock.compensation_of(own), scene.duration, "excitation.shock"
-    )
-
-
-def _sweep_rows(scene: Scene, sweep: Sweep) -> Array:
-    full = sweep.duration or scene.duration
-    length = min(full, scene.duration)
-    last = sweep.first + (sweep.last - sweep.first) * length / full
-    pieces = [_Piece(0.0, length, (sweep.first, last), (sweep.amplitude, sweep.amplitude))]
-    if length < scene.duration:
-        pieces.append(_Piece(length, scene.duration, (last, last), (sweep.amplitude, sweep.amplitude)))
-    return _joined(pieces, "excitation.sweep")
 
 
 def _moving_rows(scene: Scene) -> Array:
