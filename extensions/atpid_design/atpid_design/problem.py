@@ -90,8 +90,6 @@ class Deviation(NamedTuple):
 
 
 NOMINAL = Deviation()
-#: Amplitude of the support [m], or points of it (t [s], amplitude).
-Level = float | list[list[float]]
 #: Frequency of the excitation [Hz]; None: the structure's resonance with the damper closed.
 Tone = float | None
 

@@ -12,12 +12,11 @@ lead: which of several motions a system ends in depends on its start (docs/stead
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +91,7 @@ class HeightSweep:
         return f"{said}; the lowest steady amplitude {self.amplitudes[best]:.6g} m at {self.heights[best]:.5g} m"
 
     @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
+    def from_plain(cls, plain: Document) -> HeightSweep:
         """Return what a journal has, by the names of the fields."""
         arrays: Document = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
@@ -332,5 +331,4 @@ def _repeating(series: Array) -> NDArray[np.int64]:
 
 def _moved(series: Array, periods: int) -> Array:
     """Return the largest change (runs,) of a series (runs, strobes, k) over so many periods."""
-    moved: Array = np.abs(series[:, periods:] - series[:, :-periods]).max(axis=(1, 2))
-    return moved
+    return np.asarray(np.abs(series[:, periods:] - series[:, :-periods]).max(axis=(1, 2)))

@@ -20,7 +20,6 @@ import argparse
 import math
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +40,7 @@ from atpid_sim.display import working
 from atpid_sim.figure_style import LIGHT, Panels
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.integration import FIDELITIES
-from atpid_sim.simulation.quantities import half_peak_to_peak
+from atpid_sim.simulation.quantities import amplitudes_per_period
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 
@@ -250,14 +249,6 @@ def _profile(heights: Array, duration: float, least: float) -> list[list[float]]
     return [[float(t), float(h)] for t, h in zip(knots[kept], values[kept], strict=True)]
 
 
-def amplitudes_per_period(displacement: Array, samples: float) -> Array:
-    """Return half the range (k,) [m] of a displacement (n,) [m] in each whole period of `samples` samples."""
-    count = int(len(displacement) / samples)
-    edges = np.rint(samples * np.arange(count + 1)).astype(int)
-    pieces = [displacement[begin:end] for begin, end in pairwise(edges)]
-    return np.array([half_peak_to_peak(piece) for piece in pieces])
-
-
 def lag_of(measured: Array, simulated: Array, most: int) -> int:
     """Return by how many samples a measurement (n,) is later than its simulation (n,): the best correlation.
 
@@ -356,12 +347,12 @@ _CLOSE_UP = 6
 
 def panels(found: Agreement) -> Panels:
     """Return the panels of a comparison."""
-    return [[partial(drawer, found=found)] for drawer in (_whole, _difference, _amplitudes, _ceiling, _last)]
-
-
-def _whole(ax: Axes, found: Agreement) -> None:
-    _motions(ax, found, found.time[0])
-    ax.set(title="Beam displacement from rest")
+    period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else np.inf
+    begin = max(found.time[0], found.time[-1] - _CLOSE_UP * period)
+    whole = partial(_motions, found=found, begin=found.time[0], title="Beam displacement from rest")
+    last = partial(_motions, found=found, begin=begin, title=f"The last {_CLOSE_UP} periods")
+    between = (partial(drawer, found=found) for drawer in (_difference, _amplitudes, _ceiling))
+    return [[drawer] for drawer in (whole, *between, last)]
 
 
 def _difference(ax: Axes, found: Agreement) -> None:
@@ -382,17 +373,11 @@ def _ceiling(ax: Axes, found: Agreement) -> None:
     ax.set_ylim(0.0, None)
 
 
-def _last(ax: Axes, found: Agreement) -> None:
-    period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else np.inf
-    _motions(ax, found, max(found.time[0], found.time[-1] - _CLOSE_UP * period))
-    ax.set(title=f"The last {_CLOSE_UP} periods")
-
-
-def _motions(ax: Axes, found: Agreement, begin: float) -> None:
+def _motions(ax: Axes, found: Agreement, begin: float, title: str) -> None:
     shown = found.time >= begin
     ax.plot(found.time[shown], 1e3 * found.measured[shown], LIGHT.given_text, linewidth=2.4, label="measured")
     ax.plot(found.time[shown], 1e3 * found.simulated[shown], LIGHT.own, linewidth=0.8, label="simulated")
-    ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]")
+    ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]", title=title)
 
 
 def _over_time(ax: Axes, found: Agreement, title: str) -> None:

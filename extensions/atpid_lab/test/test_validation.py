@@ -18,14 +18,13 @@ from atpid_lab.validation import (
     Agreement,
     Measured,
     aligned,
-    amplitudes_per_period,
     compare,
     driven_scene,
     lag_of,
     relative_rmse,
 )
 from atpid_sim.scene import Scene, load_scene, standard_bench
-from atpid_sim.simulation.quantities import efficiency
+from atpid_sim.simulation.quantities import amplitudes_per_period, efficiency
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 

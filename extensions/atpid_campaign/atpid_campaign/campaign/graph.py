@@ -10,11 +10,11 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from atpid_campaign.campaign.plan import Campaign, Point
 from atpid_campaign.campaign.result import Judge
 from atpid_campaign.campaign.stands import Feed, Stand
+from atpid_common.files import Document
 from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
@@ -90,7 +90,7 @@ class GraphStand(Stand):
         if not board:
             to_stderr(f"left out: the firmware on its emulated board; it needs {' '.join(missing_tools())}")
         excitation = {"commanded": True, "amplitude": max(campaign.amplitudes), "frequency": point.frequency}
-        scene, file = self._of_graph(point, excitation=excitation, duration=_FOREVER)
+        scene, file = self._of_graph(point, {"excitation": excitation, "duration": _FOREVER})
         parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board, given={})
         parameters["plant_node"]["expect_recorder"] = False
         parameters[LABJACK.name] |= {"expect_recorder": False, "autostart": False}
@@ -108,12 +108,12 @@ class GraphStand(Stand):
         }
         parts = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
         parts += [NODES[name] for name in ("identifier_node", "selector_node", _RECORDER)]  # what moves comes first
-        scene, file = self._of_graph(point)
+        scene, file = self._of_graph(point, {})
         own = stand_parameters(parts, file, map_for(scene)) | {LABJACK.name: {"expect_recorder": False}}
         parameters = combined(usual_parameters(parts, scene), own, {})
         return parameters, commands_of(self._written(parameters), parts[:-1])
 
-    def _of_graph(self, point: Point, **changes: Any) -> tuple[Scene, Path]:
+    def _of_graph(self, point: Point, changes: Document) -> tuple[Scene, Path]:
         """Return the scene of the graph with a point's grain, and its file."""
         method = point.ceiling if point.is_method else (self._campaign.methods or ("pca",))[0]
         ceiling = self._scene.to_mapping()["ceiling"] | {"controller": method}

@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from atpid_control.runs.run import open_run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import steady_state
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import half_peak_to_peak
+from atpid_sim.simulation.quantities import amplitudes_per_period
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 
@@ -180,9 +179,7 @@ def _amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
 
     The error bar counts the scatter of readings, and the noise, by which peaks read too large.
     """
-    length = _PERIODS * rate / frequency
-    edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
-    readings = np.array([half_peak_to_peak(beam[a:b]) for a, b in pairwise(edges)])
+    readings = amplitudes_per_period(beam, _PERIODS * rate / frequency)
     value, scatter = float(readings.mean()), float(readings.std(ddof=1))
     noise = _MEDIAN * float(np.median(np.abs(np.diff(beam, 4)))) / _FOURTH
     return Amplitude(value, math.hypot(scatter / math.sqrt(readings.size), noise), scatter / value if value else 0.0)

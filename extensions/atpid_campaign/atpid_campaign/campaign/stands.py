@@ -24,6 +24,8 @@ from atpid_sim.scene import Scene
 
 #: Between two looks whether a rest is over [s].
 _LOOK = 0.1
+#: What a judge needs of an estimate, beside its time.
+_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
 
 
 class Stand(ABC):
@@ -71,18 +73,11 @@ class Feed:
             if message.mode == Mode.FAULT and not self.judge.over:
                 self.judge.bad = f"the motor's fault: {message.fault}"
         elif kind == "Excitation":
-            self.last = time.monotonic()
-            self.judge.push(_estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
-
-
-#: What a judge needs of an estimate, beside its time.
-_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
-
-
-def _estimate_of(message: Any) -> Estimate:
-    """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
-    stamp, known = message.header.stamp, {name: getattr(message, name) for name in _MEASURED}
-    return Estimate(time=stamp.sec + 1e-9 * stamp.nanosec, **known)
+            self.last, stamp = time.monotonic(), message.header.stamp
+            estimate = Estimate(
+                time=stamp.sec + 1e-9 * stamp.nanosec, **{name: getattr(message, name) for name in _MEASURED}
+            )
+            self.judge.push(estimate, self.height, self.mode == Mode.MOVING, self.recording)
 
 
 class _OverError(Exception):

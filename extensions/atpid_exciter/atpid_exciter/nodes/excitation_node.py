@@ -190,8 +190,8 @@ class ExcitationNode(SupervisedNode):
             self._measured_at, self._seen = self._now(), max(self._seen, self._now())
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not elapsed < 1.0:
             return
-        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY,
-                        steady=estimate.quality == Quality.STEADY, limited=self._output.limited)  # fmt: skip
+        act = partial(self._hold.turn, steady=estimate.quality == Quality.STEADY, limited=self._output.limited)
+        act(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY)
         amplitude, frequency = self._hold.factors
         try:
             self._drive.correct(amplitude, frequency, waits=self._hold.waits)

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from atpid_common.files import FileError, check
+from atpid_common.files import Document, FileError, check
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Series
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Column, Table, common
-from atpid_lab.imports.series import PIECE, mapped, si_of, timed
+from atpid_control.runs.tables import Columns as Arrays
+from atpid_lab.imports.series import PIECE, Columns, mapped, si_of, timed
 from atpid_sim.system import Array
 
 _SAMPLE = 1 << 17  # from which the layout is found [bytes]
@@ -25,7 +26,7 @@ _LINES, _STARTS, _SEPARATORS = 200, 20, ";\t,| "
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d")
 _NAMED = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
 #: pandas reads floats to the last digit by default from version 3 on.
-_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+_EXACT: Document = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 _RATE = re.compile(r"(?:rate|frequency|\bfs)\b\W*([0-9.,eE+]+)\s*(k?)Hz", re.IGNORECASE)
 
 
@@ -45,7 +46,7 @@ def read(path: Path, given: Given) -> list[Series]:
     return timed(path, "", columns, given, rate, start_ns)
 
 
-def read_columns(path: Path, given: Given) -> tuple[dict[str, tuple[str, Any]], float | None, int | None]:
+def read_columns(path: Path, given: Given) -> tuple[Columns, float | None, int | None]:
     """Return unit and values (n,) of each column of numbers, and what is stated above: rate [Hz], first stamp [ns].
 
     An empty cell is NaN. Raises BagError.
@@ -163,7 +164,7 @@ def _names(above: list[list[str]], width: int) -> tuple[bool, list[str], list[st
     return bool(fitting), taken, [unit or own for unit, (_, own) in zip(units, parted, strict=True)]
 
 
-def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[dict[str, tuple[str, Any]], int | None]:
+def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[Columns, int | None]:
     """Return unit and values (n,) of each column of numbers, mapped from a file, and the stamp of the first date."""
     places = [place for place in range(len(layout.names)) if place not in layout.texts]
     wrong, first = Counter[int](), dict[int, str]()
@@ -206,7 +207,7 @@ _LARGEST = 100_000_000
 _LATEST = 9e9
 
 
-def read_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
+def read_table(path: Path) -> tuple[Table, Arrays, list[str]]:
     """Return a table with its columns (n,), an empty cell NaN, and a line for what is left out or no number.
 
     Layouts are those of `bag import`. Raises BagError where it is no such table.

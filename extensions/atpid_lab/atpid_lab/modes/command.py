@@ -117,10 +117,10 @@ def _run_run(args: argparse.Namespace) -> int:
     lines = [f"{'driven' if driven else 'free'} motion, {fit.samples} samples, {left}"]
     if driven and (args.masses or forced):
         masses = np.array(args.masses) if args.masses else None
-        found = from_run.structure_of(fit, masses, args.grain_mass, forced)
-        for number, (f, z, m, by) in enumerate(found.deviations, 1):
+        structure, spread = from_run.structure_of(fit, masses, args.grain_mass, forced)
+        for number, (f, z, m, by) in enumerate(spread, 1):
             lines.append(f"mode {number}: ± {f:.2g} Hz, ± {z:.2g} of critical, ± {m:.2g} kg, drive ± {by:.2g}")
-        return _give(args, found.structure._replace(notes=(*lines, *found.structure.notes)), forced=forced)
+        return _give(args, structure._replace(notes=(*lines, *structure.notes)), forced=forced)
     if args.scene is not None or args.out is not None:
         raise ModesError("--scene, --out: need masses: give --masses, or a run that a force at the container drives")
     deviations = fit.deviations()

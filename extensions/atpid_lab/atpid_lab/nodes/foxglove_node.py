@@ -112,15 +112,11 @@ class FoxgloveNode(Node):
             now_ns = int(self.get_clock().now().nanoseconds)
             time_ns = stamp_of(message) if message_type(topic.type).has_header else now_ns
             self.server.send(TraceRecord(topic.name, topic.type, time_ns, data))
-            if kind in CHECKS:
-                self._trace(topic, kind, message)
-
-    def _trace(self, topic: Topic, kind: str, message: object) -> None:
-        try:
-            for record in self._tracer.push(kind, message):
-                self.server.send(record)
-        except TraceError as error:
-            Dropped.of(self).add(topic.name, str(error))
+            try:
+                for record in self._tracer.push(kind, message) if kind in CHECKS else ():
+                    self.server.send(record)
+            except TraceError as error:
+                Dropped.of(self).add(topic.name, str(error))
 
     def close(self) -> None:
         """Disconnect the viewers."""
