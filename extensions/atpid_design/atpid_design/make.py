@@ -109,8 +109,7 @@ class Design:
             plain[name] = dict(zip(("low", "high"), getattr(self, name), strict=True))
         for name in ("frequencies", "bare_resonance_amplitude", "heights"):
             plain[name] = getattr(self, name)
-        shown: Document = finite(plain)
-        return shown
+        return dict(finite(plain))
 
 
 def _plain(value: Any) -> Any:

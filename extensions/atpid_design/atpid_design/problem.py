@@ -90,6 +90,8 @@ class Deviation(NamedTuple):
 
 
 NOMINAL = Deviation()
+#: Amplitude of the support [m], or points of it (t [s], amplitude).
+Level = float | list[list[float]]
 #: Frequency of the excitation [Hz]; None: the structure's resonance with the damper closed.
 Tone = float | None
 
@@ -221,11 +223,7 @@ def grain_radius(problem: Problem, fraction: float) -> float:
 
 
 def mapping_of(
-    problem: Problem,
-    fraction: float,
-    amplitude: float | list[list[float]],
-    off: Deviation = NOMINAL,
-    frequency: float | None = None,
+    problem: Problem, fraction: float, amplitude: Level, off: Deviation = NOMINAL, frequency: Tone = None
 ) -> Document:
     """Return the blocks of a scene that describe the system with a grain of a mass fraction [-], off by a deviation.
 

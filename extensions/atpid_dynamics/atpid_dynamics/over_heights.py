@@ -93,8 +93,12 @@ class HeightSweep:
     @classmethod
     def from_plain(cls, plain: Document) -> HeightSweep:
         """Return what a journal has, by the names of the fields."""
-        arrays: Document = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
+        arrays: Document = {name: np.array(plain[name]) for name in ARRAYS}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
+
+
+#: Fields of `HeightSweep` that have a value for each height.
+ARRAYS = [one.name for one in fields(HeightSweep) if one.name != "fidelity"]
 
 
 def over_heights(
@@ -135,11 +139,7 @@ def _job(rows: Sequence[_Row], job: tuple[int, int]) -> HeightSweep:
 
 
 def _joined(parts: Sequence[HeightSweep]) -> HeightSweep:
-    arrays = {
-        one.name: np.concatenate([getattr(part, one.name) for part in parts])
-        for one in fields(HeightSweep)
-        if one.name != "fidelity"
-    }
+    arrays: Document = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
     return HeightSweep(**arrays, fidelity=parts[0].fidelity)
 
 

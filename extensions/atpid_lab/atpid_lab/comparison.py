@@ -130,8 +130,7 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     placed = zip((first, second), labels, views, shifts, strict=True)
     runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
-    rows = [*_rows(runs), *_difference_rows(runs, difference)]
-    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)))
+    return Compared((runs[0], runs[1]), align, list(_rows(runs, difference)), time, difference, tuple(_doubts(runs)))
 
 
 def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:
@@ -201,8 +200,8 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
 )
 
 
-def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
-    """Yield what both runs have, side by side."""
+def _rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
+    """Yield what both runs have, side by side; last how their beams differ (n,) [m]."""
     first, second = (placed.view for placed in runs)
     drives = list(dict.fromkeys(placed.view.run.drive for placed in runs))
     yield Row("duration", "s", first.run.duration, second.run.duration)
@@ -232,9 +231,6 @@ def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     counts = [Counter(event.kind for event in view.run.events for _ in range(event.count)) for view in (first, second)]
     for kind in sorted(counts[0] | counts[1]):
         yield Row(f"events: {kind}", "", float(counts[0][kind]), float(counts[1][kind]))
-
-
-def _difference_rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
     known = difference[np.isfinite(difference)]
     size = float(np.nanstd(runs[0].view.run.motion.beam))
     root = float(np.sqrt(np.mean(known**2))) if len(known) else math.nan

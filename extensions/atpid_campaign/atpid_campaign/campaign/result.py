@@ -83,7 +83,11 @@ class Judge:
         self._first = now if math.isnan(self._first) else self._first
         wrong = self._wrong(estimate, height, moving) or ("" if recording else "the recorder has not begun")
         if self.measuring:
-            self._measure(estimate, height, wrong)
+            self.bad = f"while measured: {wrong}" if wrong else ""
+            if not wrong:
+                self.estimates.append(estimate)
+                self.heights.append(height)
+                self.end = now if now - self.begin >= self.rules.measure_periods / self.frequency else self.end
             return
         self.missing = wrong or self._unsettled(now, estimate.beam_amplitude, height)
         if wrong:
@@ -92,15 +96,6 @@ class Judge:
             self.begin, self.settled_after = now, now - self._first
         elif now - self._first > self.rules.settle_limit:
             self.bad = f"not settled within {self.rules.settle_limit:g} s: {self.missing}"
-
-    def _measure(self, estimate: Estimate, height: float, wrong: str) -> None:
-        if wrong:
-            self.bad = f"while measured: {wrong}"
-            return
-        self.estimates.append(estimate)
-        self.heights.append(height)
-        if estimate.time - self.begin >= self.rules.measure_periods / self.frequency:
-            self.end = estimate.time
 
     def _wrong(self, estimate: Estimate, height: float, moving: bool) -> str:
         """Return what is not as the point asks for; empty: all is."""

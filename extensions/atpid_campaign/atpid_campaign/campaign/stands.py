@@ -97,7 +97,12 @@ class SimulatedStand(Stand):
 
         rules = self._campaign.rules
         duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
-        scene = _point_scene(self._scene, point, duration, self._campaign.seed)
+        changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
+        if point.is_method:
+            changes["ceiling"] = self._scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
+        changes["seed"] = 1000 * self._campaign.seed + self._scene.seed + point.number  # each has a noise of its own
+        changes["mass_fraction"] = point.mass_fraction
+        scene = from_rest(self._scene, point.amplitude, point.frequency, point.height(self._scene), **changes)
         file = folder / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_for(scene, file, map_for(scene), folder / "bag", lockstep=True)
@@ -114,12 +119,3 @@ class SimulatedStand(Stand):
             run_lockstep(parameters, progress, lambda _time, message: feed(message))
         if not judge.over:
             judge.bad = f"the run ended before the point was measured: {judge.missing}"
-
-
-def _point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
-    """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
-    changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
-    if point.is_method:
-        changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
-    changes |= {"seed": 1000 * seed + scene.seed + point.number, "mass_fraction": point.mass_fraction}
-    return from_rest(scene, point.amplitude, point.frequency, point.height(scene), **changes)

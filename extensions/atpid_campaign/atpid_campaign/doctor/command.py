@@ -60,13 +60,9 @@ def all_checks() -> Checks:
     """
     added: dict[str, tuple[str, str]] = {}
     for point in installed(GROUP).values():
-        added |= loaded(point)
-    found: dict[str, tuple[str, str]] = {}
-    for name, check in CHECKS.items():
-        if name == _BEFORE:
-            found |= {other: place for other, place in added.items() if other not in CHECKS}
-        found[name] = check
-    return found
+        added |= {name: check for name, check in loaded(point).items() if name not in CHECKS}
+    own, place = list(CHECKS.items()), list(CHECKS).index(_BEFORE)
+    return dict([*own[:place], *added.items(), *own[place:]])
 
 
 def examine(subject: Subject, checks: Checks) -> Iterator[Finding]:

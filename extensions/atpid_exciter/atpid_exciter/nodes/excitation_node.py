@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from math import inf, nan
-from typing import Any
 
 import numpy as np
 from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState, SampleBlock
@@ -68,7 +67,7 @@ class ExcitationNode(SupervisedNode):
     SILENCE = "the excitation ramps down"
     settings: ExcitationSettings
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, **kwargs: object) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
         super().__init__("excitation_node", **kwargs)
         try:

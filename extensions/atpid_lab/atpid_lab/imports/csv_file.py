@@ -19,7 +19,6 @@ from atpid_control.runs.formats import Given, Series
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Column, Table, common
 from atpid_control.runs.tables import Columns as Arrays
 from atpid_lab.imports.series import PIECE, Columns, mapped, si_of, timed
-from atpid_sim.system import Array
 
 _SAMPLE = 1 << 17  # from which the layout is found [bytes]
 _LINES, _STARTS, _SEPARATORS = 200, 20, ";\t,| "
@@ -225,18 +224,13 @@ def read_table(path: Path) -> tuple[Table, Arrays, list[str]]:
     if TIME not in columns:
         raise BagError(f"{path}: columns {', '.join(columns)[:200]}; needed: {TIME}")
     time = np.asarray(columns.pop(TIME)[1])
-    rate = _even_rate(time, path)
-    channels = {name: values for name, (_, values) in columns.items() if name not in (STAMP, INDEX)}
-    known = (*common(TIME, STAMP, INDEX), *(Column(name, columns[name][0], "") for name in channels))
-    table = Table("table", "table", "csv", known, rate, float(time[0]), rows=time.size)
-    index = np.arange(time.size)
-    return table, {TIME: time, STAMP: np.rint(1e9 * time).astype(np.int64), INDEX: index, **channels}, given.notes
-
-
-def _even_rate(time: Array, path: Path) -> float:
     if time.size < 2 or not np.all(np.abs(time) <= _LATEST):
         raise BagError(f"{path}: needs at least two finite times, of at most {_LATEST:g} s")
     step = (time[-1] - time[0]) / (time.size - 1)
     if not (step > 0.0 and np.abs(time - time[0] - step * np.arange(time.size)).max() < _UNEVEN * step):
         raise BagError(f"{path}: not evenly sampled; fill what is missing with empty cells")
-    return float(1.0 / step)
+    channels = {name: values for name, (_, values) in columns.items() if name not in (STAMP, INDEX)}
+    known = (*common(TIME, STAMP, INDEX), *(Column(name, columns[name][0], "") for name in channels))
+    table = Table("table", "table", "csv", known, float(1.0 / step), float(time[0]), rows=time.size)
+    index = np.arange(time.size)
+    return table, {TIME: time, STAMP: np.rint(1e9 * time).astype(np.int64), INDEX: index, **channels}, given.notes

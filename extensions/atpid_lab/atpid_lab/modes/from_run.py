@@ -63,8 +63,7 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
     """
     known = np.isfinite(signals.excitation).any()
     drive = signals.excitation if known else np.zeros(len(signals.response))
-    parts = list(runs(np.isfinite(drive + signals.response)))
-    begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    begin, end = max(runs(np.isfinite(drive + signals.response)), key=lambda part: part[1] - part[0], default=(0, 0))
     if end - begin < 100 * count:
         raise ModesError(f"the longest part without a gap has {end - begin} samples; needed: {100 * count}")
     every = max(1, -(-(end - begin) // _MOST_SAMPLES))

@@ -89,15 +89,13 @@ class FoxgloveNode(Node):
         self._tracer = Tracer(scene, values["rate"])
         self.server = Server(values["port"])
         for topic in parse(DEFAULT, lockstep=False):
-            self._subscribe(replace(topic, name=self.resolve_topic_name(topic.name)))
+            named = replace(topic, name=self.resolve_topic_name(topic.name))
+            self.server.offer(named.name, named.type)
+            # no publisher waits for a viewer: what it is too slow for is lost to it alone
+            asked = subscription_qos(replace(named, best_effort=not named.transient_local))
+            take = partial(self._on_message, named, decoder_of(named.type))
+            self.create_subscription(class_of(named.type), named.name, take, asked, raw=True)
         self.get_logger().info(f"Foxglove: ws://{HOST}:{self.server.port}, layout docs/foxglove/atpid.json")
-
-    def _subscribe(self, topic: Topic) -> None:
-        self.server.offer(topic.name, topic.type)
-        # no publisher waits for a viewer: what it is too slow for is lost to it alone
-        asked = subscription_qos(replace(topic, best_effort=not topic.transient_local))
-        take = partial(self._on_message, topic, decoder_of(topic.type))
-        self.create_subscription(class_of(topic.type), topic.name, take, asked, raw=True)
 
     def _on_message(self, topic: Topic, decoder: Decoder, data: bytes) -> None:
         kind = kind_of(topic.type)
