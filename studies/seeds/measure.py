@@ -5,7 +5,6 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from atpid_control.views.report.stages import WINDOW, constant_intervals
 from atpid_sim.maps import DamperResponse, HeightMap, MapEntry
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
-from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
+from atpid_sim.simulation.quantities import amplitudes_per_period, efficiency, half_peak_to_peak
 from atpid_sim.system import Array
 from studies.pure_loop import LoopRun, controlled, run_loop
 
@@ -47,9 +46,7 @@ def longest_rumble(run: LoopRun, stage: tuple[float, float], best: MapEntry) -> 
 
 def amplitudes(run: LoopRun) -> Array:
     """Return half the peak-to-peak (n,) [m] of the true beam in each whole period of the excitation."""
-    beam, length = run.beam, run.scene.sensors.laser.rate / run.scene.frequency_hz
-    edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
-    return np.array([half_peak_to_peak(beam[a:b]) for a, b in pairwise(edges)])
+    return amplitudes_per_period(run.beam, run.scene.sensors.laser.rate / run.scene.frequency_hz)
 
 
 def _decaying(peaks: Array) -> NDArray[np.bool_]:

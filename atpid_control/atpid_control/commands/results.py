@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_common.arguments import file_path, positive, real
+from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_common.files import Document
 from atpid_control.views.static_page import document, drawn, facts, table, warnings
 from atpid_sim.figure_style import Panels, save_panels
@@ -51,6 +51,25 @@ def add_part(parser: argparse.ArgumentParser, begin: str = "begin of the part") 
     add = parser.add_argument
     add("--from", dest="begin", type=real(0.0, 1e9, "s"), default=-math.inf, metavar="S", help=f"{begin} [s]")
     add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
+
+
+def add_block(parser: argparse.ArgumentParser, what: str) -> None:
+    """Declare `--out` of a file for blocks of a scene, `--force` and `--json`."""
+    parser.add_argument("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help=f"write {what} here")
+    output.add_force(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def give_block(args: argparse.Namespace, text: str, numbers: Document, shown: str) -> int:
+    """Write the text of blocks where `--out` is given; print the numbers with `--json`, else what is shown; return 0.
+
+    Raises OutputError.
+    """
+    if args.out is not None:
+        with output.writing(args.out):
+            args.out.write_text(text, encoding="utf-8")
+    print(json.dumps(numbers) if args.json else shown)
+    return 0
 
 
 def two_columns(rows: Iterable[tuple[str, str]]) -> Table:

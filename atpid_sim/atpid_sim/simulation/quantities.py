@@ -7,6 +7,7 @@ displacement (Figs 3.7 and 3.8).
 """
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,12 @@ def half_peak_to_peak(displacement: Array) -> float:
     """Return half the range of a displacement (n,) [m], NaN left out; NaN where there is nothing else."""
     known = displacement[np.isfinite(displacement)]
     return float(0.5 * np.ptp(known)) if len(known) else math.nan
+
+
+def amplitudes_per_period(displacement: Array, samples: float) -> Array:
+    """Return half the range (k,) [m] of a displacement (n,) [m] in each whole period of `samples` samples."""
+    edges = np.rint(samples * np.arange(int(len(displacement) / samples) + 1)).astype(int)
+    return np.array([half_peak_to_peak(displacement[begin:end]) for begin, end in pairwise(edges)])
 
 
 class ModeShown(NamedTuple):

@@ -33,7 +33,7 @@ from atpid_control.stand.parts import NAMES, devices_of
 from atpid_driver.motor.known_motion import HEIGHT_TOLERANCE
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.system import Array, structure_of
+from atpid_sim.system import structure_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -262,20 +262,15 @@ def _noise(run: Run, expected: Expected) -> Iterator[Row]:
     for name, values, unit in zip(signals.names, (signals.excitation, signals.response), signals.units, strict=True):
         given = (sensors.load_cell.noise if sensors.load_cell else 0.0) if unit == "N" else sensors.laser.noise
         most = _QUIET * (given or (_NOISE if unit == "m" else math.inf))
-        spread = _scatter(values, signals.rate)
+        parts = np.array_split(values, max(1, round(2.0 * len(values) / signals.rate)))  # half a second each
+        spreads = [float(np.std(part)) for part in parts if np.isfinite(part).all()]
+        spread = float(np.median(spreads)) if spreads else math.nan
         quiet, allowed = spread <= most and (spread > 0.0 or not given), f"up to {most:.3g} {unit}"
         mend = "light, cables, a common ground; 0: a converter that holds"
         expects = f"{allowed}, not 0" if given else allowed
         yield Row(f"{name} at rest", f"{spread:.3g} {unit}", expects, quiet, mend)
     steady = int(np.count_nonzero(run.estimates.steady))
     yield Row("excitation identified", f"{steady} estimates", "none", steady == 0, "exciter off? mains? a fan?")
-
-
-def _scatter(values: Array, rate: float) -> float:
-    """Return the standard deviation of a signal (n,) at rest: the median of those of its half seconds."""
-    parts = np.array_split(values, max(1, round(2.0 * len(values) / rate)))
-    spreads = [float(np.std(part)) for part in parts if np.isfinite(part).all()]
-    return float(np.median(spreads)) if spreads else math.nan
 
 
 def _decrement(run: Run, expected: Expected) -> Iterator[Row]:

@@ -5,10 +5,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_design.problem import Problem, cases, drawn_frequencies
 from atpid_design.worst_case import Interval, Point, response_of
 from atpid_sim.maps import ALL_APPROACHES
@@ -94,7 +94,7 @@ def widened(points: Sequence[Point], found: Sequence[Sequence[Response]]) -> tup
                 scale = 1.0 if share else points[k].amplitude / amplitude
                 interval: Interval = getattr(result[k], name)
                 low, high = interval.low - scale * below, interval.high + scale * above
-                wide: dict[str, Any] = {name: interval._replace(low=low, high=min(high, 1.0) if share else high)}
+                wide: Document = {name: interval._replace(low=low, high=min(high, 1.0) if share else high)}
                 result[k] = replace(result[k], **wide)
         outside += int(beyond.sum())
     return result, Check(sum(map(len, found)), outside, farthest)

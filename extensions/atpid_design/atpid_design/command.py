@@ -34,7 +34,6 @@ _OPTIONS = (
     "target-efficiency SHARE, lever M, motor-speed 1/MIN, yield-strength PA, amplitudes LO:HI, "
     "excitation-frequency HZ|LO:HI"
 )
-_DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
 EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out out/design"
 
 
@@ -47,17 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--drive", choices=("support", "force"), help="what shakes the structure; default support")
     for name, metavar in map(str.split, _OPTIONS.split(", ")):
         kind, needed = kinds.get(name, number), name == "amplitudes"
-        parser.add_argument(f"--{name}", type=kind, metavar=metavar, required=needed, help=_help(name, needed))
+        field = Problem.model_fields[name.replace("-", "_")]
+        shown = (field.description or "").replace("%", "%%")
+        if not needed and field.default not in (None, PydanticUndefined):
+            shown += f"; default {field.default:g}"
+        parser.add_argument(f"--{name}", type=kind, metavar=metavar, required=needed, help=shown)
     usual = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
     off = f"how far a quantity may lie from its value to either side, relative, height in m; default: {usual}"
     parser.add_argument("--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...", help=off)
     parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
-
-
-def _help(option: str, needed: bool) -> str:
-    name = option.replace("-", "_")
-    text, default = (Problem.model_fields[name].description or "").replace("%", "%%"), _DEFAULTS[name]
-    return text if needed or default in (None, PydanticUndefined) else f"{text}; default {default:g}"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _given(args: argparse.Namespace) -> Document:
     """Return the values of `Problem` that are given, by option or in the file of the structure."""
-    given = {name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None}
+    given = {name: value for name in Problem.model_fields if (value := getattr(args, name, None)) is not None}
     own = [f"--{name}" for name in ("mass", "frequency", "damping") if name in given]
     if args.structure is None:
         if len(own) < 3:

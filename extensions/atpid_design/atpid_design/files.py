@@ -11,6 +11,7 @@ import numpy as np
 from atpid_common import output
 from atpid_common.files import Document
 from atpid_common.vocabulary import DRIVES
+from atpid_control.views.report.stages import per_cent
 from atpid_design.make import Design
 from atpid_design.page import page
 from atpid_design.picture import panels
@@ -68,14 +69,10 @@ def scene_text(made: Design) -> str:
         f"# {middle.amplitude:.3g} {unit}. The ceiling follows {MAP}, the heights of the design.\n"
         f"#   atpid bench {SCENE} --out run\n"
         f"#   atpid simulate {SCENE} --height {middle.height:.5g}\n"
-        f"# Promised from {low:g} to {high:g} {unit}: {_percent(made.efficiency)} % less than with the damper closed,\n"
-        f"# {_percent(made.reduction)} % less than without the damper.\n"
+        f"# Promised from {low:g} to {high:g} {unit}: {per_cent(made.efficiency)} less than with the damper closed,\n"
+        f"# {per_cent(made.reduction)} less than without the damper.\n"
         f"{write_yaml(scene_mapping(made))}"
     )
-
-
-def _percent(interval: tuple[float, float]) -> str:
-    return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f}"
 
 
 def scene_mapping(made: Design) -> Document:

@@ -56,10 +56,6 @@ class Candidate:
             return self.largest
         return self.efficiency.low if problem.aim == "efficiency" else self.reduction.low
 
-    def meets(self, problem: Problem) -> bool:
-        """Whether it keeps the targets that are given."""
-        return meets(problem, self.efficiency.low, self.reduction.low)
-
 
 def meets(problem: Problem, efficiency: float, reduction: float) -> bool:
     """Whether a least efficiency and a least reduction [-] keep the targets that are given."""
@@ -129,5 +125,5 @@ def preferred(problem: Problem, candidates: Sequence[Candidate]) -> list[Candida
     best = max(sound, key=lambda one: one.kept(problem))
     if problem.target_efficiency is None and problem.target_reduction is None:
         return [next(one for one in sound if one.kept(problem) >= best.kept(problem) - _AS_GOOD)]
-    kept = [one for one in sound if one.meets(problem)]
+    kept = [one for one in sound if meets(problem, one.efficiency.low, one.reduction.low)]
     return [*(one for one in kept if one is not best), best]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole design: the grain, heights over the amplitudes, the promise with its check, the motor."""
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -108,8 +109,7 @@ class Design:
             plain[name] = dict(zip(("low", "high"), getattr(self, name), strict=True))
         for name in ("frequencies", "bare_resonance_amplitude", "heights"):
             plain[name] = getattr(self, name)
-        shown: Document = finite(plain)
-        return shown
+        return dict(finite(plain))
 
 
 def _plain(value: Any) -> Any:
@@ -134,7 +134,11 @@ def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -
 
     Raises NumericalFailure where no grain can be computed, and SceneError for an invalid value.
     """
-    begun, count = time.perf_counter(), _counted(progress)
+    begun, steps = time.perf_counter(), itertools.count(1)
+
+    def count() -> None:
+        progress(next(steps))
+
     candidates = _candidates(problem, count)
     structures, points, found = _chosen(problem, grain_choice.preferred(problem, candidates), count)
     fraction = structures.fraction
@@ -180,27 +184,13 @@ def _least(made: Promised, name: str) -> float:
     return min(one.low for one in intervals)
 
 
-def _counted(progress: Callable[[int], None]) -> Callable[[], None]:
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(done)
-
-    return step
-
-
 def _candidates(problem: Problem, count: Callable[[], None]) -> list[Candidate]:
     structures = {fraction: Structures.of(problem, fraction) for fraction in grain_choice.fractions(problem)}
     amplitudes = [float(a) for a in np.geomspace(*problem.amplitudes, _FOR_TRADE)]
     jobs = [(fraction, amplitude) for fraction in structures for amplitude in amplitudes]
-    trials: dict[tuple[float, float], grain_choice.Trial] = {}
-    for job, found in on_all_cores(lambda job: grain_choice.trial(structures[job[0]], job[1]), jobs):
-        trials[job] = found
-        count()
-    rows = ([trials[fraction, amplitude] for amplitude in amplitudes] for fraction in structures)
-    return [grain_choice.candidate(problem, row) for row in rows]
+    trials = _in_order(lambda job: grain_choice.trial(structures[job[0]], job[1]), jobs, count)
+    begins = range(0, len(trials), _FOR_TRADE)
+    return [grain_choice.candidate(problem, trials[begin : begin + _FOR_TRADE]) for begin in begins]
 
 
 def promised(

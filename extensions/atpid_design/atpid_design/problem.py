@@ -223,11 +223,7 @@ def grain_radius(problem: Problem, fraction: float) -> float:
 
 
 def mapping_of(
-    problem: Problem,
-    fraction: float,
-    amplitude: float | list[list[float]],
-    off: Deviation = NOMINAL,
-    frequency: float | None = None,
+    problem: Problem, fraction: float, amplitude: Level, off: Deviation = NOMINAL, frequency: Tone = None
 ) -> Document:
     """Return the blocks of a scene that describe the system with a grain of a mass fraction [-], off by a deviation.
 

@@ -17,6 +17,7 @@ damper stay, and the ceiling keeps the designed height of the support's amplitud
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -25,7 +26,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from atpid_design.check import height_at
-from atpid_design.problem import NOMINAL, Case, Deviation, Problem, case, grain_mass, modes_of
+from atpid_design.problem import NOMINAL, Deviation, Problem, case, grain_mass, modes_of
 from atpid_design.worst_case import Point, response_of
 from atpid_sim.modal import ModeSet
 from atpid_sim.outcome import NumericalFailure
@@ -216,7 +217,9 @@ def _row(
     one, amplitude = case(problem, fraction, off, frequency=frequency), at.amplitude
     ratio = one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
     tuned = amplitude * float(_tuned(problem, fraction, tuning, off).beam(ratio))
-    closed, damped = one.damper.closed_amplitude(amplitude), _damped(one, amplitude, height_at(points, amplitude))
+    closed, damped = one.damper.closed_amplitude(amplitude), math.nan
+    with suppress(NumericalFailure):
+        damped = response_of(one, amplitude, height_at(points, amplitude)).amplitude
     return MassRow(state, amplitude, one.damper.frequency, one.bare(amplitude), closed, damped, tuned)
 
 
@@ -230,10 +233,3 @@ def _tuned(problem: Problem, fraction: float, tuning: Tuning, off: Deviation) ->
 def _over_beam(problem: Problem, fraction: float, off: Deviation) -> ModeSet | None:
     modes = modes_of(problem, fraction, off)
     return None if modes is None else over(modes.free, problem.mass, problem.frequency * (1.0 + off.frequency))
-
-
-def _damped(one: Case, amplitude: float, height: float) -> float:
-    try:
-        return response_of(one, amplitude, height).amplitude
-    except NumericalFailure:
-        return math.nan

@@ -19,10 +19,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from atpid_common.files import Document
 from atpid_design.forces import forces
 from atpid_design.problem import (
     Case,
@@ -279,7 +280,7 @@ def _height_error(given: Case, amplitude: float, height: float, expected: Respon
     return found
 
 
-def _forces(structures: Structures, amplitude: float, height: float, longer: float) -> dict[str, Any]:
+def _forces(structures: Structures, amplitude: float, height: float, longer: float) -> Document:
     """Return what the walls bear, at the frequency at which the given structure's ceiling bears most.
 
     longer: by which factor a longer window would show larger forces.

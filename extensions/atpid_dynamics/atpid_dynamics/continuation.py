@@ -172,8 +172,7 @@ class _Problem:
         for _ in range(motion.periods - 1):
             passed.append(once(passed[-1]))
         section = min(passed, key=lambda each: float(np.abs((each - self.section) / self.size).max()))
-        found: Array = np.array([*section, *(getattr(conditions, name) for name in self.names)]) / self.scale
-        return found
+        return np.asarray(np.array([*section, *(getattr(conditions, name) for name in self.names)]) / self.scale)
 
     def returns(self, point: Array) -> tuple[ReturnMap, Array]:
         """Return map and section state of a point. Raises NumericalFailure where a parameter is none."""
@@ -181,9 +180,8 @@ class _Problem:
         if min(values.values()) <= 0.0:
             raise NumericalFailure("the curve leaves the values that a parameter may have")
         conditions = self.near.conditions._replace(**values)
-        return ReturnMap(self.integration, conditions, self.phase, self.near.periods), point[
-            : len(self.size)
-        ] * self.size
+        returns = ReturnMap(self.integration, conditions, self.phase, self.near.periods)
+        return returns, point[: len(self.size)] * self.size
 
     def __call__(self, point: Array) -> Array:
         """Return what is missing to a point of the curve."""

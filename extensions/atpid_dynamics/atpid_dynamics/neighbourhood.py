@@ -83,11 +83,10 @@ class Flow:
         FAILED, and the periods until there, infinite without one.
         """
         where, when = np.empty(len(y), dtype=np.int64), np.empty(len(y))
-        nowhere = np.full((1, places.shape[1]), np.nan)
-        self.steps += follow_starts(
-            self.integration.kernel_inputs, self.integration.sections, self.rows([*shares.tolist(), 1.0]),
-            np.concatenate([places, nowhere]), y, n, most, self.integration.step_limit, where, when,
-        )  # fmt: skip
+        every = np.concatenate([places, np.full((1, places.shape[1]), np.nan)])
+        rows, limit = self.rows([*shares.tolist(), 1.0]), self.integration.step_limit
+        run, sections = self.integration.kernel_inputs, self.integration.sections
+        self.steps += follow_starts(run, sections, rows, every, y, n, most, limit, where, when)
         return where, when
 
     def passed(self, states: Array, like: State, periods: int) -> Array | None:
@@ -190,5 +189,4 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
 
 def _squares(rows: Array, form: Array) -> Array:
     """Return the squares (k,) of rows (k, d) by a quadratic form (d, d)."""
-    squares: Array = ((rows @ form) * rows).sum(axis=1)
-    return squares
+    return np.asarray(((rows @ form) * rows).sum(axis=1))

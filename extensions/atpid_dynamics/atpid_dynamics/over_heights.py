@@ -12,12 +12,11 @@ lead: which of several motions a system ends in depends on its start (docs/stead
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,10 +91,14 @@ class HeightSweep:
         return f"{said}; the lowest steady amplitude {self.amplitudes[best]:.6g} m at {self.heights[best]:.5g} m"
 
     @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
+    def from_plain(cls, plain: Document) -> HeightSweep:
         """Return what a journal has, by the names of the fields."""
-        arrays: Document = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
+        arrays: Document = {name: np.array(plain[name]) for name in ARRAYS}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
+
+
+#: Fields of `HeightSweep` that have a value for each height.
+ARRAYS = [one.name for one in fields(HeightSweep) if one.name != "fidelity"]
 
 
 def over_heights(
@@ -136,11 +139,7 @@ def _job(rows: Sequence[_Row], job: tuple[int, int]) -> HeightSweep:
 
 
 def _joined(parts: Sequence[HeightSweep]) -> HeightSweep:
-    arrays = {
-        one.name: np.concatenate([getattr(part, one.name) for part in parts])
-        for one in fields(HeightSweep)
-        if one.name != "fidelity"
-    }
+    arrays: Document = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
     return HeightSweep(**arrays, fidelity=parts[0].fidelity)
 
 
@@ -332,5 +331,4 @@ def _repeating(series: Array) -> NDArray[np.int64]:
 
 def _moved(series: Array, periods: int) -> Array:
     """Return the largest change (runs,) of a series (runs, strobes, k) over so many periods."""
-    moved: Array = np.abs(series[:, periods:] - series[:, :-periods]).max(axis=(1, 2))
-    return moved
+    return np.asarray(np.abs(series[:, periods:] - series[:, :-periods]).max(axis=(1, 2)))

@@ -15,6 +15,9 @@ from atpid_sim.simulation.batch import Workers
 from atpid_sim.system import Array
 
 _GRID = "mass_fractions amplitudes heights"
+_LABELS = in_unit("m", "heights", "heights") | in_unit("amplitude_unit", "amplitudes", "amplitudes")
+_LABELS |= in_unit("1", "mass_fractions", "mass_fractions") | in_unit("m", "beam_amplitudes", _GRID)
+_LABELS |= in_unit("1", "efficiencies reductions errors multipliers periods ways", _GRID)
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,11 +37,7 @@ class Sweep(Drawn):
     fidelity: str
     amplitude_unit: str = "m"
 
-    labels = (
-        in_unit("m", "heights", "heights") | in_unit("amplitude_unit", "amplitudes", "amplitudes")
-        | in_unit("1", "mass_fractions", "mass_fractions") | in_unit("m", "beam_amplitudes", _GRID)
-        | in_unit("1", "efficiencies reductions errors multipliers periods ways", _GRID)
-    )  # fmt: skip
+    labels = _LABELS
     drawn = ("beam_amplitudes",)
 
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What this package adds by entry points: its commands (`atpid.commands`), and its checks (`atpid.checks`)."""
 
-from collections.abc import Mapping
-
 from atpid_common.cli import Commands
 
 COMMANDS: Commands = {
@@ -12,6 +10,4 @@ COMMANDS: Commands = {
     },
 }
 #: Of `atpid doctor`.
-CHECKS: Mapping[str, tuple[str, str]] = {
-    "exciter": ("atpid_exciter.part:exciter", "docs/excitation_output.md"),
-}
+CHECKS = {"exciter": ("atpid_exciter.part:exciter", "docs/excitation_output.md")}

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The excitation node as part of bench and stand (entry point of the group `atpid.nodes`), and its check."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from atpid_common.files import Document
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, judged, judged_calibration
@@ -28,7 +27,7 @@ def simulated(scene: Scene) -> Document:
     }
 
 
-def emulated(scene: Scene, place: Path, own: Mapping[str, Any]) -> tuple[Document, Document]:
+def emulated(scene: Scene, place: Path, own: Document) -> tuple[Document, Document]:
     """Return the parameters of the excitation node and those of the feed: a shaker, or an eccentric drive.
 
     own: of the excitation node, whose backend may be labjack_dac or nidaqmx; each is calibrated over its range.

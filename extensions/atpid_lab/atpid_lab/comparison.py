@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -104,7 +104,6 @@ class Compared:
     time: Array  # (n,) the common part [s]
     difference: Array  # (n,) beam of the second less that of the first [m]
     doubts: tuple[str, ...]
-    missing: tuple[str, ...]  # what is not in the bags and should be
 
     def to_json(self) -> Document:
         """Return the numbers as plain values."""
@@ -115,7 +114,7 @@ class Compared:
             "shifts": [placed.shift for placed in self.runs],
             "rows": [asdict(row) | {"difference": row.difference, "relative": row.relative} for row in self.rows],
             "doubts": self.doubts,
-            "missing": self.missing,
+            "missing": [line for placed in self.runs for line in placed.missing],
         }
 
 
@@ -131,9 +130,7 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     placed = zip((first, second), labels, views, shifts, strict=True)
     runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
-    rows = [*_rows(runs), *_difference_rows(runs, difference)]
-    missing = runs[0].missing + runs[1].missing
-    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)), missing)
+    return Compared((runs[0], runs[1]), align, list(_rows(runs, difference)), time, difference, tuple(_doubts(runs)))
 
 
 def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:
@@ -203,8 +200,8 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
 )
 
 
-def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
-    """Yield what both runs have, side by side."""
+def _rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
+    """Yield what both runs have, side by side; last how their beams differ (n,) [m]."""
     first, second = (placed.view for placed in runs)
     drives = list(dict.fromkeys(placed.view.run.drive for placed in runs))
     yield Row("duration", "s", first.run.duration, second.run.duration)
@@ -216,7 +213,11 @@ def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
             pairs = [(math.nan, 0.0) if stage is None else value(stage) for stage in stages]
             (one, scatter), (other, others) = pairs
             yield Row(f"stage {number}: {name}", unit or drives[0].unit, one, other, spreads=(scatter, others))
-    yield from _order_rows(runs)
+    found = [placed.orders for placed in runs]
+    if any(found):
+        amplitudes = [math.nan if one is None else float(one.amplitude[0]) for one in found]
+        yield Row("order 1 of the beam, last part", "m", *amplitudes)
+        yield Row("distortion (THD), last part", "-", *(math.nan if one is None else one.distortion for one in found))
     if first.decrements or second.decrements:
         ratios = (view.decrements[0] if view.decrements else math.nan for view in (first, second))
         yield Row("largest ratio of successive peaks", "-", *ratios)
@@ -230,17 +231,6 @@ def _rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
     counts = [Counter(event.kind for event in view.run.events for _ in range(event.count)) for view in (first, second)]
     for kind in sorted(counts[0] | counts[1]):
         yield Row(f"events: {kind}", "", float(counts[0][kind]), float(counts[1][kind]))
-
-
-def _order_rows(runs: list[_RunOnAxis]) -> Iterator[Row]:
-    found = [placed.orders for placed in runs]
-    if any(found):
-        amplitudes = [math.nan if one is None else float(one.amplitude[0]) for one in found]
-        yield Row("order 1 of the beam, last part", "m", *amplitudes)
-        yield Row("distortion (THD), last part", "-", *(math.nan if one is None else one.distortion for one in found))
-
-
-def _difference_rows(runs: list[_RunOnAxis], difference: Array) -> Iterator[Row]:
     known = difference[np.isfinite(difference)]
     size = float(np.nanstd(runs[0].view.run.motion.beam))
     root = float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
@@ -301,14 +291,11 @@ def table(found: Compared) -> Table:
     shown.add_row("origin of the samples", *(placed.signals.origin for placed in found.runs))
     for row in found.rows:
         scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
-        shown.add_row(f"{row.name}{unit and f' [{unit}]'}", *_cells(row, scale))
+        values = zip((row.first, row.second, row.difference), (*row.spreads, math.hypot(*row.spreads)), strict=True)
+        cells = (_value(scale * value, scale * spread) for value, spread in values)
+        relative = f"{100.0 * row.relative:+.2f} %" if math.isfinite(row.relative) else ""
+        shown.add_row(f"{row.name}{unit and f' [{unit}]'}", *cells, relative)
     return shown
-
-
-def _cells(row: Row, scale: float) -> list[str]:
-    values = zip((row.first, row.second, row.difference), (*row.spreads, math.hypot(*row.spreads)), strict=True)
-    relative = f"{100.0 * row.relative:+.2f} %" if math.isfinite(row.relative) else ""
-    return [*(_value(scale * value, scale * spread) for value, spread in values), relative]
 
 
 def _value(value: float, spread: float) -> str:
@@ -333,7 +320,7 @@ def panels(found: Compared) -> Panels:
     return [[partial(drawer, found=found) for drawer in row] for row in rows]
 
 
-def _looks(found: Compared) -> Iterator[tuple[_RunOnAxis, dict[str, Any]]]:
+def _looks(found: Compared) -> Iterator[tuple[_RunOnAxis, Document]]:
     """Yield each run with the look of its lines."""
     for placed, colour, width in zip(found.runs, _COLOURS, _WIDTHS, strict=True):
         yield placed, {"color": colour, "linewidth": width, "label": placed.label}

@@ -5,15 +5,12 @@
 The module that reads or writes one is imported when that is asked for: some load slowly.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
-from atpid_control.runs.formats import Given, Holds, Reader, Series, TableReader, Writer
-from atpid_control.runs.source import Source
-from atpid_control.runs.tables import Piece, Table
+from atpid_common.cli import load
+from atpid_control.runs.formats import Holds, Reader, TableReader, Writer
 
 
 @dataclass(frozen=True)
@@ -28,34 +25,20 @@ class FileFormat:
     write: Writer | None = None
 
 
-def _reader(module: str, name: str = "read") -> Reader:
-    def read(path: Path, given: Given) -> list[Series]:
-        found: list[Series] = getattr(import_module(f"atpid_lab.imports.{module}"), name)(path, given)
-        return found
-
-    return read
+def _late(place: str, **options: bool) -> Callable[..., Any]:
+    """Return what calls a function, "module:function" of this package, with options."""
+    return lambda *given: load(f"{__package__}.{place}")(*given, **options)
 
 
-def _writer(module: str, **options: bool) -> Writer:
-    def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tuple[Table | None, Path]]:
-        yield from import_module(f"atpid_lab.export.{module}").write(source, pieces, folder, **options)
-
-    return write
-
-
-def _read_csv_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
-    from atpid_lab.imports.csv_file import read_table
-
-    return read_table(path)
-
-
+_CSV, _UFF = "imports.csv_file:read", "export.uff_file:write"
 CSV = FileFormat(
-    "csv", (".csv",), Holds.ONE, read=_reader("csv_file"), read_table=_read_csv_table, write=_writer("csv_file")
+    "csv", (".csv",), Holds.ONE, _late(_CSV), _late("imports.csv_file:read_table"), _late("export.csv_file:write")
 )
-TEXT = FileFormat("text", (".txt", ".tsv", ".dat", ".asc"), Holds.ONE, read=_reader("csv_file"))
-UFF = FileFormat("uff", (".uff", ".unv"), Holds.SAMPLES, read=_reader("uff_file"), write=_writer("uff_file"))
-UFF_ASCII = FileFormat("uff-ascii", UFF.suffixes, Holds.SAMPLES, write=_writer("uff_file", ascii=True))
-MAT = FileFormat("mat", (".mat",), read=_reader("mat_file"), write=_writer("mat_file"))
-PARQUET = FileFormat("parquet", (".parquet",), Holds.ONE, write=_writer("parquet_file"))
-TDMS = FileFormat("tdms", (".tdms",), Holds.SAMPLES, read=_reader("waveforms", "read_tdms"), write=_writer("tdms_file"))
-WAV = FileFormat("wav", (".wav",), Holds.SAMPLES, read=_reader("waveforms", "read_wav"))
+TEXT = FileFormat("text", (".txt", ".tsv", ".dat", ".asc"), Holds.ONE, read=_late(_CSV))
+UFF = FileFormat("uff", (".uff", ".unv"), Holds.SAMPLES, read=_late("imports.uff_file:read"), write=_late(_UFF))
+UFF_ASCII = FileFormat("uff-ascii", UFF.suffixes, Holds.SAMPLES, write=_late(_UFF, ascii=True))
+MAT = FileFormat("mat", (".mat",), read=_late("imports.mat_file:read"), write=_late("export.mat_file:write"))
+PARQUET = FileFormat("parquet", (".parquet",), Holds.ONE, write=_late("export.parquet_file:write"))
+_TDMS = _late("imports.waveforms:read_tdms"), None, _late("export.tdms_file:write")
+TDMS = FileFormat("tdms", (".tdms",), Holds.SAMPLES, *_TDMS)
+WAV = FileFormat("wav", (".wav",), Holds.SAMPLES, read=_late("imports.waveforms:read_wav"))

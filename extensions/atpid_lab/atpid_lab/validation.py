@@ -4,10 +4,9 @@
 
 Rules. Support and beam count from their rest: the mean over the whole periods of the second half of the part. The beam
 begins with displacement and velocity of a polynomial of fifth degree through the first quarter of a period; the grain
-lies on the floor. Where the ceiling is open
-at the begin, the place of the grain is unknown, so the first 20 periods are left out. A lag between the two channels,
-of at most half a period, and the means are taken off before the comparison. Periods in which the measured amplitude is
-below 5 % of its largest are left out of relative errors.
+lies on the floor. Where the ceiling is open at the begin, the place of the grain is unknown, so the first 20 periods
+are left out. A lag between the two channels, of at most half a period, and the means are taken off before the
+comparison. Periods in which the measured amplitude is below 5 % of its largest are left out of relative errors.
 
 The thesis divides by the measured X_Exp. Its list of symbols calls that an amplitude, and a displacement passes zero in
 every period: so amplitudes of whole periods are compared, half the range in each, in which no offset is left and a lag
@@ -20,7 +19,6 @@ import argparse
 import math
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +31,7 @@ from atpid_common.arguments import file_path, positive
 from atpid_common.errors import InputError
 from atpid_common.files import Document
 from atpid_common.vocabulary import DRIVES, Drive
-from atpid_control.analysis.signals import Signals, runs, signals_of
+from atpid_control.analysis.signals import runs, signals_of
 from atpid_control.commands.results import Shown, add_part, add_results, claim, give, two_columns
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, Run, open_run
@@ -41,7 +39,7 @@ from atpid_sim.display import working
 from atpid_sim.figure_style import LIGHT, Panels
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.integration import FIDELITIES
-from atpid_sim.simulation.quantities import half_peak_to_peak
+from atpid_sim.simulation.quantities import amplitudes_per_period
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array
 
@@ -84,7 +82,12 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
     whole, missing = signals_of(run, both=False)
     if not np.isfinite(whole.excitation).any():
         raise ValidationError(f"{run.path}: {run.drive.channel} was not recorded, so nothing can drive the scene")
-    part = _without_gap(whole) if math.isinf(begin) and math.isinf(end) else whole.between(begin, end)
+    entire = math.isinf(begin) and math.isinf(end)
+    if entire:
+        valid = runs(np.isfinite(whole.excitation + whole.response))
+        first, last = max(valid, key=lambda each: each[1] - each[0], default=(0, len(whole.response)))
+        begin, end = whole.start + first / whole.rate, whole.start + (last - 1) / whole.rate
+    part = whole.between(begin, end)
     if len(part.response) < _FEWEST_SAMPLES:
         raise ValidationError(f"{run.path}: {len(part.response)} samples in that part; needed: {_FEWEST_SAMPLES}")
     for name, series in ((run.drive.channel, part.excitation), (BEAM, part.response)):
@@ -96,16 +99,9 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
     heights = np.column_stack([run.ceiling.time - part.start, run.ceiling.height])
     heights = heights[np.isfinite(heights).all(axis=1)]
     heights = heights[np.argsort(heights[:, 0], kind="stable")]
-    chosen = math.isinf(begin) and math.isinf(end) and len(part.response) < len(whole.response)
+    chosen = entire and len(part.response) < len(whole.response)
     ceiling, about = heights if len(heights) else None, (part.origin, run.drive, tuple(missing))
     return Measured(part.rate, part.excitation, part.response, ceiling, part.start, chosen, *about)
-
-
-def _without_gap(whole: Signals) -> Signals:
-    """Return the longest part in which support and beam are valid; all where nothing is."""
-    parts = runs(np.isfinite(whole.excitation + whole.response))
-    first, last = max(parts, key=lambda part: part[1] - part[0], default=(0, len(whole.response)))
-    return whole.between(whole.start + first / whole.rate, whole.start + (last - 1) / whole.rate)
 
 
 def scene_of(run: Run) -> Scene:
@@ -158,7 +154,7 @@ class Agreement:
     @property
     def rmse(self) -> float:
         """Root mean square of `errors` [-] (Eq. 3.46)."""
-        return relative_rmse(self.measured_amplitude[self.compared], self.simulated_amplitude[self.compared])
+        return float(np.sqrt(np.mean(self.errors**2)))
 
     @property
     def displacement_error(self) -> float:
@@ -250,14 +246,6 @@ def _profile(heights: Array, duration: float, least: float) -> list[list[float]]
     return [[float(t), float(h)] for t, h in zip(knots[kept], values[kept], strict=True)]
 
 
-def amplitudes_per_period(displacement: Array, samples: float) -> Array:
-    """Return half the range (k,) [m] of a displacement (n,) [m] in each whole period of `samples` samples."""
-    count = int(len(displacement) / samples)
-    edges = np.rint(samples * np.arange(count + 1)).astype(int)
-    pieces = [displacement[begin:end] for begin, end in pairwise(edges)]
-    return np.array([half_peak_to_peak(piece) for piece in pieces])
-
-
 def lag_of(measured: Array, simulated: Array, most: int) -> int:
     """Return by how many samples a measurement (n,) is later than its simulation (n,): the best correlation.
 
@@ -277,14 +265,6 @@ def aligned(measured: Array, simulated: Array, lag: int) -> tuple[Array, Array]:
     size = len(measured)
     one, other = measured[max(lag, 0) : size + min(lag, 0)], simulated[max(-lag, 0) : size - max(lag, 0)]
     return one - one.mean() + other.mean(), other
-
-
-def relative_rmse(experiment: Array, simulation: Array) -> float:
-    """Return the root mean square of (X_Exp - X_Sim) / X_Exp [-] over the amplitudes of whole periods (Eq. 3.46).
-
-    experiment, simulation: (k,) [m], as `amplitudes_per_period` gives them.
-    """
-    return float(np.sqrt(np.mean(((experiment - simulation) / experiment) ** 2)))
 
 
 SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", "agreement.json"
@@ -356,12 +336,12 @@ _CLOSE_UP = 6
 
 def panels(found: Agreement) -> Panels:
     """Return the panels of a comparison."""
-    return [[partial(drawer, found=found)] for drawer in (_whole, _difference, _amplitudes, _ceiling, _last)]
-
-
-def _whole(ax: Axes, found: Agreement) -> None:
-    _motions(ax, found, found.time[0])
-    ax.set(title="Beam displacement from rest")
+    period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else np.inf
+    begin = max(found.time[0], found.time[-1] - _CLOSE_UP * period)
+    whole = partial(_motions, found=found, begin=found.time[0], title="Beam displacement from rest")
+    last = partial(_motions, found=found, begin=begin, title=f"The last {_CLOSE_UP} periods")
+    between = (partial(drawer, found=found) for drawer in (_difference, _amplitudes, _ceiling))
+    return [[drawer] for drawer in (whole, *between, last)]
 
 
 def _difference(ax: Axes, found: Agreement) -> None:
@@ -382,17 +362,11 @@ def _ceiling(ax: Axes, found: Agreement) -> None:
     ax.set_ylim(0.0, None)
 
 
-def _last(ax: Axes, found: Agreement) -> None:
-    period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else np.inf
-    _motions(ax, found, max(found.time[0], found.time[-1] - _CLOSE_UP * period))
-    ax.set(title=f"The last {_CLOSE_UP} periods")
-
-
-def _motions(ax: Axes, found: Agreement, begin: float) -> None:
+def _motions(ax: Axes, found: Agreement, begin: float, title: str) -> None:
     shown = found.time >= begin
     ax.plot(found.time[shown], 1e3 * found.measured[shown], LIGHT.given_text, linewidth=2.4, label="measured")
     ax.plot(found.time[shown], 1e3 * found.simulated[shown], LIGHT.own, linewidth=0.8, label="simulated")
-    ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]")
+    ax.set(xlim=(begin, found.time[-1]), ylabel="mm", xlabel="time [s]", title=title)
 
 
 def _over_time(ax: Axes, found: Agreement, title: str) -> None:

@@ -10,28 +10,19 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from atpid_campaign.campaign.plan import Campaign, Point
 from atpid_campaign.campaign.result import Judge
 from atpid_campaign.campaign.stands import Feed, Stand
+from atpid_common.files import Document
 from atpid_common.middleware import named_domain
 from atpid_common.vocabulary import ExciterMode, Mode
 from atpid_common.waiting import to_stderr
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand import parts
 from atpid_control.stand.domain import own_domain
 from atpid_control.stand.emulated import commands_emulated, parameters_emulated
 from atpid_control.stand.parameters import BenchError, Parameters, combined, write_parameters
-from atpid_control.stand.parts import (
-    EXCITER,
-    LABJACK,
-    NODES,
-    SERIAL_MOTOR,
-    SUPERVISOR,
-    added_part,
-    stand_parameters,
-    usual_parameters,
-)
 from atpid_control.stand.processes import NodeProcess, Processes
 from atpid_control.stand.running import PLAIN, Commands, command_of, commands_of
 from atpid_driver.emulator import missing_tools
@@ -81,7 +72,7 @@ class GraphStand(Stand):
             stack.enter_context(self._nodes.motor_first())
             if emulated:  # the device begins once the plant behind it waits for it
                 self._until(lambda: self._watch.plant and self._watch.exciter.header.stamp.sec, _START, "the plant")
-                self._watch.start(LABJACK.name)
+                self._watch.start(parts.LABJACK.name)
             self._until(lambda: self._watch.elapsed, _START, "the first estimate")
             self._stack = stack.pop_all()
 
@@ -90,10 +81,10 @@ class GraphStand(Stand):
         if not board:
             to_stderr(f"left out: the firmware on its emulated board; it needs {' '.join(missing_tools())}")
         excitation = {"commanded": True, "amplitude": max(campaign.amplitudes), "frequency": point.frequency}
-        scene, file = self._of_graph(point, excitation=excitation, duration=_FOREVER)
+        scene, file = self._of_graph(point, {"excitation": excitation, "duration": _FOREVER})
         parameters = parameters_emulated(scene, file, map_for(scene), Path("none"), self._place, board=board, given={})
         parameters["plant_node"]["expect_recorder"] = False
-        parameters[LABJACK.name] |= {"expect_recorder": False, "autostart": False}
+        parameters[parts.LABJACK.name] |= {"expect_recorder": False, "autostart": False}
         written = self._written(parameters)
         commands = commands_emulated(scene, written, self._place, board=board)
         return parameters, [one for one in commands if one[0] != _RECORDER]
@@ -101,19 +92,20 @@ class GraphStand(Stand):
     def _real(self, point: Point) -> tuple[Parameters, Commands]:
         given = self._campaign.configurations
         files = {
-            SERIAL_MOTOR: given.motor,
-            added_part(EXCITER).part: given.excitation,
-            SUPERVISOR: given.supervisor,
-            LABJACK: given.labjack,
+            parts.SERIAL_MOTOR: given.motor,
+            parts.added_part(parts.EXCITER).part: given.excitation,
+            parts.SUPERVISOR: given.supervisor,
+            parts.LABJACK: given.labjack,
         }
-        parts = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
-        parts += [NODES[name] for name in ("identifier_node", "selector_node", _RECORDER)]  # what moves comes first
-        scene, file = self._of_graph(point)
-        own = stand_parameters(parts, file, map_for(scene)) | {LABJACK.name: {"expect_recorder": False}}
-        parameters = combined(usual_parameters(parts, scene), own, {})
-        return parameters, commands_of(self._written(parameters), parts[:-1])
+        chosen = [replace(part, config=str(file.absolute())) if file else part for part, file in files.items()]
+        others = "identifier_node", "selector_node", _RECORDER
+        chosen += [parts.NODES[name] for name in others]  # what moves comes first
+        scene, file = self._of_graph(point, {})
+        own = parts.stand_parameters(chosen, file, map_for(scene)) | {parts.LABJACK.name: {"expect_recorder": False}}
+        parameters = combined(parts.usual_parameters(chosen, scene), own, {})
+        return parameters, commands_of(self._written(parameters), chosen[:-1])
 
-    def _of_graph(self, point: Point, **changes: Any) -> tuple[Scene, Path]:
+    def _of_graph(self, point: Point, changes: Document) -> tuple[Scene, Path]:
         """Return the scene of the graph with a point's grain, and its file."""
         method = point.ceiling if point.is_method else (self._campaign.methods or ("pca",))[0]
         ceiling = self._scene.to_mapping()["ceiling"] | {"controller": method}
@@ -124,8 +116,8 @@ class GraphStand(Stand):
     def _written(self, parameters: Parameters) -> Path:
         """Write the graph's parameters; each point has a recorder of its own, between whose bags nothing is wrong."""
         for names in ("nodes", "needed"):
-            listed = parameters[SUPERVISOR.name][names]
-            parameters[SUPERVISOR.name][names] = [name for name in listed if name != _RECORDER]
+            listed = parameters[parts.SUPERVISOR.name][names]
+            parameters[parts.SUPERVISOR.name][names] = [name for name in listed if name != _RECORDER]
         written = self._place / "parameters.yaml"
         write_parameters(parameters, written)
         return written
@@ -165,7 +157,7 @@ class GraphStand(Stand):
         scene.write_text(point.scene(self._scene, duration=duration, steady_window=[0.0, duration]).to_yaml(), "utf-8")
         own = {"bag": str(folder / "bag"), "scene": str(scene), "files": [str(file)]}
         write_parameters(self._parameters | {_RECORDER: self._parameters[_RECORDER] | own}, file)
-        name, command = command_of(NODES[_RECORDER], file, PLAIN)
+        name, command = command_of(parts.NODES[_RECORDER], file, PLAIN)
         return NodeProcess(name, command, folder / "recorder.log")
 
     def rest(self, until: Callable[[], bool]) -> None:

@@ -146,14 +146,12 @@ def _with_error(row: Record, name: str, scale: float) -> str:
 def _figures(rows: Sequence[Record], drive_unit: str) -> Iterator[tuple[str, Figure]]:
     """Yield the charts whose quantity was varied: over the frequency the beam itself, else the efficiency."""
     for key, axis, scale, title in _AXES:
-        shown = list(rows)
+        shown, unit, factor, columns = list(rows), "mm", 1e3, ("beam_amplitude", "simulated_amplitude")
         if key != "wanted_ratio":
             shown = [row for row in rows if row["wanted_ceiling"] not in ("closed", "none")]
+            unit, factor, columns = "%", 100.0, ("efficiency", "simulated_efficiency")
         if key == "height":
             shown = [row for row in shown if isinstance(row["wanted_ceiling"], float)]
-        unit, factor, columns = ("mm", 1e3, ("beam_amplitude", "simulated_amplitude"))
-        if key != "wanted_ratio":
-            unit, factor, columns = ("%", 100.0, ("efficiency", "simulated_efficiency"))
         curves: list[Marked] = []
         alike = partial(_alike, key, drive_unit)
         for name, group in groupby(sorted(shown, key=alike), key=alike):

@@ -216,10 +216,7 @@ def points_of(campaign: Campaign, scene: Scene) -> list[Point]:
     numbers = {place: number for number, place in enumerate(sorted(places), 1)}
     if campaign.order == "random":
         places = random.Random(campaign.seed).sample(sorted(places), len(places))
-    points = [
-        _point(campaign, scene, numbers[place], *(axis[index] for axis, index in zip(axes, place, strict=True)))
-        for place in places
-    ]
+    points = [_point(campaign, scene, numbers[place], place) for place in places]
     masses = list(dict.fromkeys(point.grain_mass for point in points))
     return sorted(points, key=lambda point: masses.index(point.grain_mass))  # a person changes a grain once
 
@@ -234,10 +231,8 @@ def _serpentine(sizes: list[int]) -> Iterator[tuple[int, ...]]:
         yield from ((*before, step) for step in (reversed(steps) if number % 2 else steps))
 
 
-def _point(
-    campaign: Campaign, scene: Scene, number: int, grain: float | None, frequency: float, ceiling: float | str,
-    amplitude: float, repeat: int,
-) -> Point:  # fmt: skip
+def _point(campaign: Campaign, scene: Scene, number: int, place: tuple[int, ...]) -> Point:
+    grain, frequency, ceiling, amplitude, repeat = (axis[at] for axis, at in zip(campaign.axes, place, strict=True))
     mass = scene.grain_mass if grain is None else grain
     fraction = mass / (scene.beam.mass + mass)
     resonance = scene.with_(mass_fraction=fraction).natural_frequency_hz

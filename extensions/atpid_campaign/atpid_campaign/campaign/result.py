@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from atpid_control.runs.run import open_run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic import steady_state
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import half_peak_to_peak
+from atpid_sim.simulation.quantities import amplitudes_per_period
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
 
@@ -84,7 +83,11 @@ class Judge:
         self._first = now if math.isnan(self._first) else self._first
         wrong = self._wrong(estimate, height, moving) or ("" if recording else "the recorder has not begun")
         if self.measuring:
-            self._measure(estimate, height, wrong)
+            self.bad = f"while measured: {wrong}" if wrong else ""
+            if not wrong:
+                self.estimates.append(estimate)
+                self.heights.append(height)
+                self.end = now if now - self.begin >= self.rules.measure_periods / self.frequency else self.end
             return
         self.missing = wrong or self._unsettled(now, estimate.beam_amplitude, height)
         if wrong:
@@ -93,15 +96,6 @@ class Judge:
             self.begin, self.settled_after = now, now - self._first
         elif now - self._first > self.rules.settle_limit:
             self.bad = f"not settled within {self.rules.settle_limit:g} s: {self.missing}"
-
-    def _measure(self, estimate: Estimate, height: float, wrong: str) -> None:
-        if wrong:
-            self.bad = f"while measured: {wrong}"
-            return
-        self.estimates.append(estimate)
-        self.heights.append(height)
-        if estimate.time - self.begin >= self.rules.measure_periods / self.frequency:
-            self.end = estimate.time
 
     def _wrong(self, estimate: Estimate, height: float, moving: bool) -> str:
         """Return what is not as the point asks for; empty: all is."""
@@ -180,9 +174,7 @@ def _amplitude_of(beam: Array, rate: float, frequency: float) -> Amplitude:
 
     The error bar counts the scatter of readings, and the noise, by which peaks read too large.
     """
-    length = _PERIODS * rate / frequency
-    edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
-    readings = np.array([half_peak_to_peak(beam[a:b]) for a, b in pairwise(edges)])
+    readings = amplitudes_per_period(beam, _PERIODS * rate / frequency)
     value, scatter = float(readings.mean()), float(readings.std(ddof=1))
     noise = _MEDIAN * float(np.median(np.abs(np.diff(beam, 4)))) / _FOURTH
     return Amplitude(value, math.hypot(scatter / math.sqrt(readings.size), noise), scatter / value if value else 0.0)

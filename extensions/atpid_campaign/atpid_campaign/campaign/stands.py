@@ -24,6 +24,8 @@ from atpid_sim.scene import Scene
 
 #: Between two looks whether a rest is over [s].
 _LOOK = 0.1
+#: What a judge needs of an estimate, beside its time.
+_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
 
 
 class Stand(ABC):
@@ -71,18 +73,11 @@ class Feed:
             if message.mode == Mode.FAULT and not self.judge.over:
                 self.judge.bad = f"the motor's fault: {message.fault}"
         elif kind == "Excitation":
-            self.last = time.monotonic()
-            self.judge.push(_estimate_of(message), self.height, self.mode == Mode.MOVING, self.recording)
-
-
-#: What a judge needs of an estimate, beside its time.
-_MEASURED = ("quality", "amplitude", "amplitude_std", "frequency", "frequency_std", "lost", "beam_amplitude")
-
-
-def _estimate_of(message: Any) -> Estimate:
-    """Return the estimate in a message of the type Excitation, its time that of the stamp [s]."""
-    stamp, known = message.header.stamp, {name: getattr(message, name) for name in _MEASURED}
-    return Estimate(time=stamp.sec + 1e-9 * stamp.nanosec, **known)
+            self.last, stamp = time.monotonic(), message.header.stamp
+            estimate = Estimate(
+                time=stamp.sec + 1e-9 * stamp.nanosec, **{name: getattr(message, name) for name in _MEASURED}
+            )
+            self.judge.push(estimate, self.height, self.mode == Mode.MOVING, self.recording)
 
 
 class _OverError(Exception):
@@ -102,7 +97,12 @@ class SimulatedStand(Stand):
 
         rules = self._campaign.rules
         duration = rules.settle_limit + rules.measure_periods / point.frequency + 1.0
-        scene = _point_scene(self._scene, point, duration, self._campaign.seed)
+        changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
+        if point.is_method:
+            changes["ceiling"] = self._scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
+        changes["seed"] = 1000 * self._campaign.seed + self._scene.seed + point.number  # each has a noise of its own
+        changes["mass_fraction"] = point.mass_fraction
+        scene = from_rest(self._scene, point.amplitude, point.frequency, point.height(self._scene), **changes)
         file = folder / "scene.yaml"
         file.write_text(scene.to_yaml(), encoding="utf-8")
         parameters = parameters_for(scene, file, map_for(scene), folder / "bag", lockstep=True)
@@ -119,12 +119,3 @@ class SimulatedStand(Stand):
             run_lockstep(parameters, progress, lambda _time, message: feed(message))
         if not judge.over:
             judge.bad = f"the run ended before the point was measured: {judge.missing}"
-
-
-def _point_scene(scene: Scene, point: Point, duration: float, seed: int) -> Scene:
-    """Return the scene in which a point is simulated from rest for so long [s], with a noise of its own."""
-    changes: Document = {"duration": duration, "steady_window": [0.5 * duration, duration]}
-    if point.is_method:
-        changes["ceiling"] = scene.to_mapping()["ceiling"] | {"controller": point.ceiling}
-    changes |= {"seed": 1000 * seed + scene.seed + point.number, "mass_fraction": point.mass_fraction}
-    return from_rest(scene, point.amplitude, point.frequency, point.height(scene), **changes)

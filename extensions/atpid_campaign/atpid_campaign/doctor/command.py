@@ -9,11 +9,11 @@ import argparse
 import json
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from atpid_common.arguments import file_path, real, word
 from atpid_common.cli import load
+from atpid_common.entry_points import installed, loaded
 from atpid_common.errors import AtpidError, one_line
 from atpid_control.stand.findings import Finding, NotCheckedError, Subject, Verdict, judged
 from atpid_control.stand.launching.options import add_devices, add_parameters
@@ -59,19 +59,10 @@ def all_checks() -> Checks:
     A package's check of the same name replaces none. Raises AtpidError naming a package that cannot be loaded.
     """
     added: dict[str, tuple[str, str]] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
-        try:
-            added |= entry.load()
-        except ImportError as error:
-            raise AtpidError(
-                f"the checks of {entry.name} cannot be loaded: {one_line(str(error))}; install it again"
-            ) from error
-    found: dict[str, tuple[str, str]] = {}
-    for name, check in CHECKS.items():
-        if name == _BEFORE:
-            found |= {other: place for other, place in added.items() if other not in CHECKS}
-        found[name] = check
-    return found
+    for point in installed(GROUP).values():
+        added |= {name: check for name, check in loaded(point).items() if name not in CHECKS}
+    own, place = list(CHECKS.items()), list(CHECKS).index(_BEFORE)
+    return dict([*own[:place], *added.items(), *own[place:]])
 
 
 def examine(subject: Subject, checks: Checks) -> Iterator[Finding]:

@@ -48,8 +48,8 @@ _LOOK = 0.05
 class _CampaignWatch(BenchWatch):
     """Publishes the excitation's command on its own period; what a judge needs waits in `received`."""
 
-    def __init__(self, **node_options: Any) -> None:
-        super().__init__(to_stderr, **node_options)
+    def __init__(self, namespace: str) -> None:
+        super().__init__(to_stderr, namespace=namespace)
         self.received: deque[Event | Excitation | CeilingState] = deque(maxlen=10_000)
         self.ceiling, self.recorder, self.exciter = CeilingState(), RecorderStatus(), ExcitationState()
         self.plant: PlantTruth | None = None  # a simulated one that has published waits for its loop
@@ -131,7 +131,7 @@ def _answered(ready: Callable[[], bool], call: Callable[[], Future], name: str) 
 def taking_part(namespace: str = "") -> Iterator[_CampaignWatch]:
     """Yield the node, which works in a thread: the excitation goes on while a bag is read."""
     ended = threading.Event()
-    with command_node(lambda: _CampaignWatch(namespace=namespace), *QUIET) as (watch, executor):
+    with command_node(lambda: _CampaignWatch(namespace), *QUIET) as (watch, executor):
 
         def work() -> None:
             while not ended.is_set():

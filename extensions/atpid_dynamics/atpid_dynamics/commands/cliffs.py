@@ -18,6 +18,7 @@ from atpid_sim.figure_style import drawn
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 
+_Range = tuple[float, float]
 _CURVES = "branch", "bifurcation", "cliff"
 #: Tolerance of the runs that make up a return map.
 _RTOL = 1e-10
@@ -63,10 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def points(
-    scene: Scene,
-    heights: tuple[float, float],
-    amplitudes: tuple[float, float] | None = None,
-    frequencies: tuple[float, float] | None = None,
+    scene: Scene, heights: _Range, amplitudes: _Range | None = None, frequencies: _Range | None = None
 ) -> list[Document]:
     """Return the points of the branch over the heights [m], its bifurcations, and its cliff over a second parameter.
 

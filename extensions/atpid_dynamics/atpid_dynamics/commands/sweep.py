@@ -4,7 +4,6 @@
 
 import argparse
 import json
-from dataclasses import fields
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find the motions and print how; return 0. Raises SceneError, OutputError, JournalError."""
-    from atpid_dynamics.over_heights import HeightSweep, Way, over_heights
+    from atpid_dynamics.over_heights import ARRAYS, Way, over_heights
     from atpid_dynamics.sweep import cases
 
     scene = load_scene(args.scene)
@@ -46,12 +45,11 @@ def run(args: argparse.Namespace) -> int:
         heights, journal = np.array(args.heights), None if args.out is None else beside(args.out)
         done = over_heights(scenes, heights, args.fidelity, args.rtol, workers_of(args), count, journal)
     rows: list[Document] = []
-    for each, one in zip(scenes, done, strict=True):
-        columns = [field.name for field in fields(HeightSweep) if field.name != "fidelity"]
-        for values in zip(*(getattr(one, name).tolist() for name in columns), strict=True):
-            row = dict(zip(columns, values, strict=True))
-            support = each.excitation.amplitude_points[-1][1]
-            head = {"mass_fraction": each.grain.mass_fraction, "support": support}
+    supports = [each.excitation.amplitude_points[-1][1] for each in scenes]
+    for each, support, one in zip(scenes, supports, done, strict=True):
+        head = {"mass_fraction": each.grain.mass_fraction, "support": support}
+        for values in zip(*(getattr(one, name).tolist() for name in ARRAYS), strict=True):
+            row = dict(zip(ARRAYS, values, strict=True))
             rows.append(output.finite({**head, **row, "ways": Way(row["ways"]).name.lower(), "fidelity": one.fidelity}))
     write_table(rows, args.out)
     if args.out is not None:
@@ -59,7 +57,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(rows, allow_nan=False))
         return 0
-    for each, one in zip(scenes, done, strict=True):
-        support = each.excitation.amplitude_points[-1][1]
+    for each, support, one in zip(scenes, supports, done, strict=True):
         print(f"grain {each.grain.mass_fraction:g}, support {support:g} m: {one.sentence}")
     return 0

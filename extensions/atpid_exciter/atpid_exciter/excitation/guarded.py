@@ -16,7 +16,6 @@ from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 from atpid_common.vocabulary import ExciterMode
 from atpid_driver import DriverError
@@ -136,7 +135,7 @@ class GuardedDrive(ExcitationDrive):
         while self._partner is not None and self._partner.poll():
             self._receive()
 
-    def _receive(self) -> tuple[str, Any]:
+    def _receive(self) -> tuple[str, object]:
         """Return the next answer; a state is kept. Raises OutputLostError."""
         assert self._partner is not None
         try:

@@ -280,7 +280,7 @@ class _NiStream(_Streamed):
 
     def _made(self) -> tuple[Any, Any]:
         """Return a task of the output, and its writer."""
-        writers: Any = importlib.import_module("nidaqmx.stream_writers")
+        writers = importlib.import_module("nidaqmx.stream_writers")
         task, (low, high) = self._nidaqmx.Task(), self._calibration.limits_volts
         try:
             task.ao_channels.add_ao_voltage_chan(self._settings.terminal, min_val=low, max_val=high)

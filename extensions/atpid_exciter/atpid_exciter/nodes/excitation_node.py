@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from math import inf, nan
-from typing import Any
 
 import numpy as np
 from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState, SampleBlock
@@ -68,7 +67,7 @@ class ExcitationNode(SupervisedNode):
     SILENCE = "the excitation ramps down"
     settings: ExcitationSettings
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, **kwargs: object) -> None:
         """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
         super().__init__("excitation_node", **kwargs)
         try:
@@ -190,8 +189,8 @@ class ExcitationNode(SupervisedNode):
             self._measured_at, self._seen = self._now(), max(self._seen, self._now())
         if not self._command.hold or self._output.mode is not ExciterMode.RUNNING or not elapsed < 1.0:
             return
-        self._hold.turn(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY,
-                        steady=estimate.quality == Quality.STEADY, limited=self._output.limited)  # fmt: skip
+        act = partial(self._hold.turn, steady=estimate.quality == Quality.STEADY, limited=self._output.limited)
+        act(self._output.commanded, self._measured, elapsed, estimate.window + _LOOP_DELAY)
         amplitude, frequency = self._hold.factors
         try:
             self._drive.correct(amplitude, frequency, waits=self._hold.waits)

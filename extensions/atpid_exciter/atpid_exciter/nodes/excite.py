@@ -6,7 +6,6 @@ import argparse
 import hashlib
 import math
 import time
-from pathlib import Path
 
 from atpid_interfaces.msg import ExcitationCommand, ExcitationState, SampleBlock
 from lifecycle_msgs.msg import State
@@ -101,19 +100,16 @@ def command_of(args: argparse.Namespace, scene: Scene) -> ExcitationCommand:
     return command
 
 
-def _signal_of(path: Path, drive: str, unit: str) -> SampleBlock:
-    """Return the samples of a recorded signal, peak 1, named by its file and what is in it. Raises FileError."""
-    rate, values = read_recorded(path)
-    name = f"{path.name} sha256:{hashlib.sha256(values.tobytes()).hexdigest()[:16]}"
-    return SampleBlock(device=name, rate=rate, channels=[drive], units=[unit], skew=[0.0], data=doubles(values))
-
-
 def run(args: argparse.Namespace) -> int:
-    """Command until Ctrl-C; return 0. Raises InputError where no excitation node is found, or none that is armed."""
+    """Command until Ctrl-C; return 0. Raises FileError, InputError: no excitation node is found, or none is armed."""
     scene, namespace = load_scene(args.scene), args.namespace or ""
     command, begin = command_of(args, scene), time.monotonic()
-    signal = _signal_of(args.recorded, scene.driven_by.channel, scene.driven_by.unit) if args.recorded else None
-    command.file = signal.device if signal else ""
+    signal: SampleBlock | None = None
+    if args.recorded:
+        (rate, values), drive = read_recorded(args.recorded), scene.driven_by
+        command.file = f"{args.recorded.name} sha256:{hashlib.sha256(values.tobytes()).hexdigest()[:16]}"
+        signal = SampleBlock(device=command.file, rate=rate, channels=[drive.channel], units=[drive.unit], skew=[0.0])
+        signal.data = doubles(values)
     with Interrupt() as interrupt, command_node(lambda: Exciter(command, signal, namespace)) as (node, executor):
         interrupt.defer()
         while not interrupt.received and (node.armed or time.monotonic() - begin < FOUND):

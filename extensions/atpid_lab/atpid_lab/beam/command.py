@@ -3,17 +3,16 @@
 """`atpid calibrate beam`: a recording in, the scene's `beam:` block out."""
 
 import argparse
-import json
 import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, positive, real, word
+from atpid_common.arguments import file_path, positive, real, word
 from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
-from atpid_control.commands.results import add_part, print_missing
+from atpid_control.commands.results import add_block, add_part, give_block, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, SUPPORT, open_run
 from atpid_lab.beam.fit import BeamCalibrationError, BeamFit, BeamParameters, fit_beam, from_added_mass, from_known_mass
@@ -36,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_part(parser, "begin of the part used")
     add("--support-channel", type=word, default=SUPPORT, help="name of the support's channel")
     add("--beam-channel", type=word, default=BEAM, help="name of the beam's channel")
-    add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the beam: block here")
-    output.add_force(parser)
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    add_block(parser, "the beam: block")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,31 +49,24 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         output.file(args.out, replace=args.force)
     fit = _fitted(recording, args)
-    parameters = _parameters(fit, args)
-    if args.out is not None:
-        if parameters is None:
-            raise BeamCalibrationError(
-                "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, "
-                "or --added-mass with --with-added"
-            )
-        with output.writing(args.out):
-            args.out.write_text(parameters.to_yaml(), encoding="utf-8")
-    print(json.dumps(_plain(fit, parameters)) if args.json else _text(fit, parameters))
-    return 0
+    parameters = None
+    if args.with_added is not None:
+        parameters = from_added_mass(fit, _fitted(args.with_added, args), args.added_mass, args.grain_mass)
+    elif args.moving_mass is not None:
+        parameters = from_known_mass(fit, args.moving_mass, args.moving_mass_std, args.grain_mass)
+    elif args.out is not None:
+        raise BeamCalibrationError(
+            "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, "
+            "or --added-mass with --with-added"
+        )
+    block = "" if parameters is None else parameters.to_yaml()
+    return give_block(args, block, _plain(fit, parameters), _text(fit, block))
 
 
 def _fitted(path: Path, args: argparse.Namespace) -> BeamFit:
     signals, missing = signals_of(open_run(path), args.support_channel, args.beam_channel, both=False)
     print_missing(missing, sys.stderr)
     return fit_beam(signals.between(args.begin, args.end))
-
-
-def _parameters(fit: BeamFit, args: argparse.Namespace) -> BeamParameters | None:
-    if args.with_added is not None:
-        return from_added_mass(fit, _fitted(args.with_added, args), args.added_mass, args.grain_mass)
-    if args.moving_mass is not None:
-        return from_known_mass(fit, args.moving_mass, args.moving_mass_std, args.grain_mass)
-    return None
 
 
 def _plain(fit: BeamFit, parameters: BeamParameters | None) -> Document:
@@ -88,7 +78,7 @@ def _plain(fit: BeamFit, parameters: BeamParameters | None) -> Document:
     return found | {"beam": None if parameters is None else asdict(parameters)}
 
 
-def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
+def _text(fit: BeamFit, block: str) -> str:
     found = _plain(fit, None)
     lines = [
         f"# {'driven' if fit.driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m",
@@ -97,7 +87,5 @@ def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
         *([f"# origin of the samples: {fit.origin}"] if fit.origin else []),
         f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
     ]
-    if parameters is None:
-        needed = "a known mass: --moving-mass or --added-mass"
-        return "\n".join([*lines, f"# stiffness, damping and mass cannot be separated without {needed}"])
-    return "\n".join([*lines, parameters.to_yaml().rstrip()])
+    needed = "a known mass: --moving-mass or --added-mass"
+    return "\n".join([*lines, block.rstrip() or f"# stiffness, damping and mass cannot be separated without {needed}"])

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from atpid_common.errors import InputError
 from atpid_control.analysis.signals import Signals
 from atpid_control.identification.window import seed_frequency
+from atpid_sim.scene.yaml12 import write_yaml
 from atpid_sim.system import Array
 
 
@@ -134,41 +135,31 @@ def fit_beam(signals: Signals) -> BeamFit:
 
 
 def _search(beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: float, seed: float) -> BeamFit:
-    model = _Model(beam, valid, support, rate)
-    omega = TAU * seed
+    step, omega = 1.0 / rate, TAU * seed
+
+    def residual(logarithms: Array) -> Array:
+        """Return measured minus best modelled motion at the valid samples (n,) [m], by log k/m and log c/m (2,)."""
+        stiffness, damping = (float(value) for value in np.exp(logarithms))
+        target = beam if support is None else beam - forced(support, step, stiffness, damping)
+        columns = free_columns(target.size, step, stiffness, damping)[:, valid]
+        coefficients, *_ = np.linalg.lstsq(columns.T, target[valid], rcond=None)
+        return np.asarray(target[valid] - coefficients @ columns, dtype=np.float64)
+
     # logarithms: both are positive, and their relative errors are what matters
     bounds = ([math.log(0.25 * omega**2), math.log(LEAST * omega)], [math.log(4.0 * omega**2), math.log(MOST * omega)])
     starts = [np.log([omega**2, 2.0 * ratio * omega]) for ratio in (START, 0.2 * START, 5.0 * START)]
-    start = min(starts, key=lambda at: float(np.sum(model.residual(at) ** 2)))
-    found = least_squares(model.residual, start, bounds=bounds, x_scale=[1e-3, 1e-1], xtol=1e-12, ftol=1e-12)
+    start = min(starts, key=lambda at: float(np.sum(residual(at) ** 2)))
+    found = least_squares(residual, start, bounds=bounds, x_scale=[1e-3, 1e-1], xtol=1e-12, ftol=1e-12)
     stiffness, damping = (float(value) for value in np.exp(found.x))
-    left = model.residual(found.x)
+    left = residual(found.x)
     variance = float(left @ left) / max(left.size - 5, 1)
     # the Jacobian of the projected problem has the linear parameters already taken out
     natural, ratio = math.sqrt(stiffness) / TAU, 0.5 * damping / math.sqrt(stiffness)
     colour, misfit = _spectrum(left, rate, natural, ratio)
     scale = np.diag([stiffness, damping])
     covariance = scale @ np.linalg.pinv(found.jac.T @ found.jac) @ scale * variance * colour
-    residual, amplitude, driven = math.sqrt(variance), float(np.std(beam[valid])), support is not None
-    return BeamFit(stiffness, damping, covariance, residual, misfit, amplitude, driven, left.size)
-
-
-class _Model:
-    """The projected residual as a function of log k/m and log c/m."""
-
-    def __init__(self, beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: float) -> None:
-        self._beam, self._valid, self._support, self._step = beam, valid, support, 1.0 / rate
-
-    def residual(self, logarithms: Array) -> Array:
-        """Return measured minus best modelled motion at the valid samples (n,) [m]."""
-        stiffness, damping = (float(value) for value in np.exp(logarithms))
-        target = self._beam
-        if self._support is not None:
-            target = target - forced(self._support, self._step, stiffness, damping)
-        columns = free_columns(target.size, self._step, stiffness, damping)[:, self._valid]
-        target = target[self._valid]
-        coefficients, *_ = np.linalg.lstsq(columns.T, target, rcond=None)
-        return np.asarray(target - coefficients @ columns, dtype=np.float64)
+    amplitude, driven = float(np.std(beam[valid])), support is not None
+    return BeamFit(stiffness, damping, covariance, math.sqrt(variance), misfit, amplitude, driven, left.size)
 
 
 def _spectrum(left: Array, rate: float, frequency: float, ratio: float) -> tuple[float, float]:
@@ -198,11 +189,10 @@ class BeamParameters:
 
     def to_yaml(self) -> str:
         """Return a scene's `beam:` block; error bars are in a comment, since a scene has values only."""
+        found = {name: float(f"{getattr(self, name):.7g}") for name in ("mass", "stiffness", "damping")}
         return (
             f"# standard deviations: mass {self.mass_std:.2g} kg, stiffness {self.stiffness_std:.2g} N/m, "
-            f"damping {self.damping_std:.2g} N s/m\n"
-            f"beam: {{mass: {_number(self.mass)}, stiffness: {_number(self.stiffness)}, "
-            f"damping: {_number(self.damping)}}}\n"
+            f"damping {self.damping_std:.2g} N s/m\n{write_yaml({'beam': found})}"
         )
 
 
@@ -255,12 +245,3 @@ def _check(moving: float, grain: float) -> None:
     if not 0.0 <= grain < moving:
         allowed = f"at least 0 and below the moving {moving:g} kg"
         raise BeamCalibrationError(f"grain mass: given {grain:g} kg; allowed: {allowed}")
-
-
-def _number(value: float) -> str:
-    """Write a number with seven digits so that every YAML reader takes it for one."""
-    text = f"{value:.7g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        return f"{mantissa}{'' if '.' in mantissa else '.0'}e{int(exponent):+d}"
-    return text if "." in text else text + ".0"

@@ -3,17 +3,16 @@
 """`atpid calibrate contact`: a drop test or a run in, restitution, modulus and the scene's `contact:` block out."""
 
 import argparse
-import json
 import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, positive, real, word
+from atpid_common.arguments import file_path, positive, real, word
 from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
-from atpid_control.commands.results import add_part, print_missing
+from atpid_control.commands.results import add_block, add_part, give_block, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import BEAM, Run, open_run
 from atpid_control.runs.signal import Signal
@@ -44,9 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--height-std", type=real(1e-9, 1.0, "m"), default=1e-4, metavar="M", help=height)
     add_part(parser, "begin of the part used of a run")
     add("--channel", type=word, help=f"the channel of a drop's force or acceleration; default: {', '.join(_PULSES)}")
-    add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the contact: block here")
-    output.add_force(parser)
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    add_block(parser, "the contact: block")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,11 +54,7 @@ def run(args: argparse.Namespace) -> int:
         output.file(args.out, replace=args.force)
     path = bag_of(args.recording)
     fit = _fitted(path, args)
-    if args.out is not None:
-        with output.writing(args.out):
-            args.out.write_text(to_yaml(fit), encoding="utf-8")
-    print(json.dumps(_plain(fit)) if args.json else _text(fit))
-    return 0
+    return give_block(args, to_yaml(fit), _plain(fit), _text(fit))
 
 
 def _fitted(path: Path, args: argparse.Namespace) -> ContactFit:

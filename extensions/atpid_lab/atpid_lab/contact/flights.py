@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ _KNOWN = np.array([0.003, 0.05])
 _COLOURED = 6.0
 
 Indices = NDArray[np.intp]
-_Times = NDArray[np.floating[Any]]
+_Times = NDArray[np.floating]
 #: A part of the record: first sample, and the one after its last.
 Part = tuple[int, int]
 

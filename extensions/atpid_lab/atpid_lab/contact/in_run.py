@@ -241,11 +241,11 @@ def _fit(model: _Model, found: _Posterior, unknowns: Array) -> ContactFit:
         )
     restitution = restitution._replace(low=max(restitution.low, 0.0), value=max(restitution.value, 0.0))
     mass = model.system.beam_mass * model.system.grain_mass / (model.system.beam_mass + model.system.grain_mass)
-    beta = 0.5 * math.sqrt(5.0 * mass / model.system.grain_mass) * pulse(max(restitution.value, 1e-3)).damping_ratio
+    impact = pulse(max(restitution.value, 1e-3))
+    beta = 0.5 * math.sqrt(5.0 * mass / model.system.grain_mass) * impact.damping_ratio
     fit = ContactFit(restitution, (float(speeds.min()), float(speeds.max())), at_speed=model.speed, damping_ratio=beta)
     if centroid.low < _DETERMINED * centroid.value or centroid.value <= 0.0:
-        longest = max(centroid.high, 0.0) * pulse(max(restitution.value, 1e-3)).duration
-        longest /= pulse(max(restitution.value, 1e-3)).centre
+        longest = max(centroid.high, 0.0) * impact.duration / impact.centre
         short = f"contacts are too short for the sensors, at most {longest:.2g} s at {model.speed:.3g} m/s"
         return replace(fit, missing=(f"contact time and modulus: {short}",))
     return with_modulus(fit, centroid, "centre", mass, model.system.radius)

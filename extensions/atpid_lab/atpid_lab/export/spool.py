@@ -4,11 +4,10 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from atpid_control.runs.tables import TEXT, Piece, Table
+from atpid_control.runs.tables import TEXT, Piece, Table, Values
 
 
 class Spool:
@@ -31,7 +30,7 @@ class Spool:
                     with self._file(piece.table, place).open("ab") as stream:
                         stream.write(np.ascontiguousarray(array, column.dtype).data)
 
-    def column(self, table: Table, place: int) -> Any:
+    def column(self, table: Table, place: int) -> Values:
         """Return a column (n,), mapped from its file."""
         column = table.columns[place]
         if column.dtype == TEXT:

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.runs.source import Source
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Column, Piece, Table
 from atpid_lab.export.spool import Spool
+from atpid_sim.system import Array
 
 #: Nodes of what is measured, upward (+Z is 3); channels of another name come after them.
 NODES = {"support": 1, "beam": 2, "grain": 3, "ceiling": 4}
@@ -70,13 +70,14 @@ def _channel(
             _date(int(stamps[begin])),
             f"record {number} of {len(pieces)}, first index {int(index[begin])}, lost {lost} samples",
             f"rate {table.rate!r} Hz, first stamp {int(stamps[begin])} ns, skew {column.skew!r} s",
+            f"{_TIME_RESPONSE:5d}{0:10d}{number:5d}{0:10d} {'NONE':<10}{node:10d}{_UP:4d} {'NONE':<10}{0:10d}{0:4d}",
         )
         steps = end - 1 - begin  # on the time base of the stamps
         step = float(time[end - 1] - time[begin]) / steps if steps else 1.0 / (table.rate or 1.0)
-        _record(stream, about, number, node, column, float(time[begin]), step, values[begin:end], ascii)
+        _record(stream, about, column, float(time[begin]), step, values[begin:end], ascii)
 
 
-def runs(values: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+def runs(values: Array) -> Iterator[tuple[int, int]]:
     """Yield (begin, end) of the parts of a series (n,) without NaN, read a piece at a time."""
     begin = None
     for first in range(0, len(values), _ROWS):
@@ -92,8 +93,9 @@ def runs(values: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         yield begin, len(values)
 
 
-def _record(stream: BinaryIO, about: tuple[str, ...], number: int, node: int, column: Column, start: float,
-            step: float, values: NDArray[np.float64], ascii: bool) -> None:  # fmt: skip
+def _record(
+    stream: BinaryIO, about: tuple[str, ...], column: Column, start: float, step: float, values: Array, ascii: bool
+) -> None:
     order = 1 if sys.byteorder == "little" else 2
     binary = f"b{order:6d}{2:6d}{11:12d}{8 * len(values):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
     kind, length, force = _QUANTITIES.get(column.unit, (0, 0, 0))
@@ -102,7 +104,6 @@ def _record(stream: BinaryIO, about: tuple[str, ...], number: int, node: int, co
         f"{-1:6d}",
         f"{58:6d}{'' if ascii else binary}",
         *(_text(line, 80) for line in about),
-        f"{_TIME_RESPONSE:5d}{0:10d}{number:5d}{0:10d} {'NONE':<10}{node:10d}{_UP:4d} {'NONE':<10}{0:10d}{0:4d}",
         f"{_REAL_DOUBLE:10d}{len(values):10d}{_EVEN:10d}{start:13.5e}{step:13.5e}{0.0:13.5e}",
         f"{_TIME_AXIS:10d}{0:5d}{0:5d}{0:5d} {'time':<20} {'s':<20}",
         f"{kind:10d}{length:5d}{force:5d}{0:5d} {_text(column.name, 20)} {_text(column.unit or 'NONE', 20)}",
@@ -116,7 +117,7 @@ def _record(stream: BinaryIO, about: tuple[str, ...], number: int, node: int, co
     stream.write(b"    -1\n")
 
 
-def digits(values: NDArray[np.float64]) -> bytes:
+def digits(values: Array) -> bytes:
     """Return values (n,) as lines of Fortran's 4E20.12."""
     values = np.where(np.abs(values) < _LEAST, 0.0, values)
     rows, rest = divmod(len(values), _A_LINE)

@@ -15,14 +15,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_common.arguments import file_path, real, refuse, text
 from atpid_common.errors import one_line
-from atpid_common.files import check
+from atpid_common.files import Document, check
 from atpid_common.message_checks import time_out_of_range
 from atpid_control.runs.decode import message_type
 from atpid_control.runs.errors import BagError
@@ -208,10 +208,16 @@ def _write(folder: Path, files: Sequence[Path], streams: dict[Grid, list[_Channe
 
 def _messages(topic: str, grid: Grid, group: list[_Channel], invalid: Counter[str]) -> Iterator[tuple[int, str, bytes]]:
     """Yield (stamp, topic, message) of a stream; `invalid` counts the samples of each channel that are no numbers."""
-    store: Any = get_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_type(BLOCK).definition, BLOCK))
     block, header, time = (store.types[name] for name in (BLOCK, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    fixed = {"skew": np.zeros(len(group)), "rate": grid.rate, "backlog": 0, "handshake": False, "device": "import"}
+    fixed: Document = {
+        "skew": np.zeros(len(group)),
+        "rate": grid.rate,
+        "backlog": 0,
+        "handshake": False,
+        "device": "import",
+    }
     fixed |= {"channels": [one.name for one in group], "units": [one.unit for one in group]}
     scans = max(_SCANS, round(grid.rate / _BLOCKS))
     piece = scans * max(1, PIECE // scans)

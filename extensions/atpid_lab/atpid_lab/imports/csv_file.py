@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from atpid_common.files import FileError, check
+from atpid_common.files import Document, FileError, check
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Series
 from atpid_control.runs.tables import INDEX, STAMP, TIME, Column, Table, common
-from atpid_lab.imports.series import PIECE, mapped, si_of, timed
-from atpid_sim.system import Array
+from atpid_control.runs.tables import Columns as Arrays
+from atpid_lab.imports.series import PIECE, Columns, mapped, si_of, timed
 
 _SAMPLE = 1 << 17  # from which the layout is found [bytes]
 _LINES, _STARTS, _SEPARATORS = 200, 20, ";\t,| "
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d")
 _NAMED = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
 #: pandas reads floats to the last digit by default from version 3 on.
-_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+_EXACT: Document = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 _RATE = re.compile(r"(?:rate|frequency|\bfs)\b\W*([0-9.,eE+]+)\s*(k?)Hz", re.IGNORECASE)
 
 
@@ -45,7 +45,7 @@ def read(path: Path, given: Given) -> list[Series]:
     return timed(path, "", columns, given, rate, start_ns)
 
 
-def read_columns(path: Path, given: Given) -> tuple[dict[str, tuple[str, Any]], float | None, int | None]:
+def read_columns(path: Path, given: Given) -> tuple[Columns, float | None, int | None]:
     """Return unit and values (n,) of each column of numbers, and what is stated above: rate [Hz], first stamp [ns].
 
     An empty cell is NaN. Raises BagError.
@@ -163,7 +163,7 @@ def _names(above: list[list[str]], width: int) -> tuple[bool, list[str], list[st
     return bool(fitting), taken, [unit or own for unit, (_, own) in zip(units, parted, strict=True)]
 
 
-def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[dict[str, tuple[str, Any]], int | None]:
+def _columns(path: Path, layout: _Layout, encoding: str, given: Given) -> tuple[Columns, int | None]:
     """Return unit and values (n,) of each column of numbers, mapped from a file, and the stamp of the first date."""
     places = [place for place in range(len(layout.names)) if place not in layout.texts]
     wrong, first = Counter[int](), dict[int, str]()
@@ -206,7 +206,7 @@ _LARGEST = 100_000_000
 _LATEST = 9e9
 
 
-def read_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
+def read_table(path: Path) -> tuple[Table, Arrays, list[str]]:
     """Return a table with its columns (n,), an empty cell NaN, and a line for what is left out or no number.
 
     Layouts are those of `bag import`. Raises BagError where it is no such table.
@@ -224,18 +224,13 @@ def read_table(path: Path) -> tuple[Table, dict[str, Any], list[str]]:
     if TIME not in columns:
         raise BagError(f"{path}: columns {', '.join(columns)[:200]}; needed: {TIME}")
     time = np.asarray(columns.pop(TIME)[1])
-    rate = _even_rate(time, path)
-    channels = {name: values for name, (_, values) in columns.items() if name not in (STAMP, INDEX)}
-    known = (*common(TIME, STAMP, INDEX), *(Column(name, columns[name][0], "") for name in channels))
-    table = Table("table", "table", "csv", known, rate, float(time[0]), rows=time.size)
-    index = np.arange(time.size)
-    return table, {TIME: time, STAMP: np.rint(1e9 * time).astype(np.int64), INDEX: index, **channels}, given.notes
-
-
-def _even_rate(time: Array, path: Path) -> float:
     if time.size < 2 or not np.all(np.abs(time) <= _LATEST):
         raise BagError(f"{path}: needs at least two finite times, of at most {_LATEST:g} s")
     step = (time[-1] - time[0]) / (time.size - 1)
     if not (step > 0.0 and np.abs(time - time[0] - step * np.arange(time.size)).max() < _UNEVEN * step):
         raise BagError(f"{path}: not evenly sampled; fill what is missing with empty cells")
-    return float(1.0 / step)
+    channels = {name: values for name, (_, values) in columns.items() if name not in (STAMP, INDEX)}
+    known = (*common(TIME, STAMP, INDEX), *(Column(name, columns[name][0], "") for name in channels))
+    table = Table("table", "table", "csv", known, float(1.0 / step), float(time[0]), rows=time.size)
+    index = np.arange(time.size)
+    return table, {TIME: time, STAMP: np.rint(1e9 * time).astype(np.int64), INDEX: index, **channels}, given.notes

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.io import loadmat, whosmat
@@ -18,8 +18,12 @@ from scipy.io import loadmat, whosmat
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Series
 from atpid_control.runs.read import within_memory
-from atpid_lab.imports.series import PIECE, RATES, STEPS, bounded, mapped, timed
+from atpid_control.runs.tables import Values
+from atpid_lab.imports.series import PIECE, RATES, STEPS, Columns, bounded, mapped, timed
 
+#: A variable of either version: an array, a set of HDF5, a text, or a struct of them.
+_Item: TypeAlias = Any
+_Tree: TypeAlias = Mapping[str, _Item]
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Structs of this project's export that describe others.
 _UNITS, _ABOUT = ("units", "unit"), ("names", "about")
@@ -33,7 +37,7 @@ def read(path: Path, given: Given) -> list[Series]:
         import h5py
 
         with h5py.File(path, "r") as file:
-            sets: list[Any] = []
+            sets: list[_Item] = []
             file.visititems(lambda _, item: sets.append(item) if hasattr(item, "chunks") else None)
             # of a chunk, which is unpacked whole, more may be stated than of its set
             bounded(path, sum(max(one.size or 0, np.prod(one.chunks or (), dtype=float)) for one in sets))
@@ -47,7 +51,7 @@ def read(path: Path, given: Given) -> list[Series]:
     return found
 
 
-def _loaded(path: Path) -> dict[str, Any]:
+def _loaded(path: Path) -> _Tree:
     """Return the variables of a file of version 5, read by a process of its own, which scipy ends for some damage."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         try:
@@ -59,10 +63,10 @@ def _loaded(path: Path) -> dict[str, Any]:
     return {name: item for name, item in whole.items() if not name.startswith("__")}
 
 
-def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate: float | None) -> list[Series]:
+def _tables(path: Path, group: str, tree: _Tree, given: Given, rate: float | None) -> list[Series]:
     inner = {name: item for name, item in tree.items() if isinstance(item, Mapping) and name not in _ABOUT}
-    units: Mapping[str, Any] = next((inner.pop(name) for name in _UNITS if name in inner), {})
-    columns: dict[str, tuple[str, Any]] = {}
+    units: _Tree = next((inner.pop(name) for name in _UNITS if name in inner), {})
+    columns: Columns = {}
     scalars: dict[str, float] = {}
     for name, item in tree.items():
         if isinstance(item, Mapping):
@@ -88,7 +92,7 @@ def _tables(path: Path, group: str, tree: Mapping[str, Any], given: Given, rate:
     return found
 
 
-def _unusable(item: Any) -> str:
+def _unusable(item: _Item) -> str:
     """Return what an item is that has no numbers of at most two dimensions, else nothing."""
     if isinstance(item, str | bytes) or getattr(item, "attrs", {}).get("MATLAB_class", b"") == b"char":
         return "a text"
@@ -100,7 +104,7 @@ def _unusable(item: Any) -> str:
     return "" if len(shape) <= 2 or np.size(item) == 1 else "no table of two dimensions"
 
 
-def _columns(path: Path, name: str, item: Any, given: Given) -> Iterator[tuple[str, Any]]:
+def _columns(path: Path, name: str, item: _Item, given: Given) -> Iterator[tuple[str, Values]]:
     """Yield the columns of a vector or matrix: samples go along the longer side. Those of HDF5 are kept in files."""
     shape = np.shape(item)
     across = len(shape) > 1 and shape[0] < shape[1]  # of HDF5, which has the transpose of MATLAB's, as a rule
@@ -114,7 +118,7 @@ def _columns(path: Path, name: str, item: Any, given: Given) -> Iterator[tuple[s
         yield (name if len(columns) == 1 else f"{name}_{place}"), values
 
 
-def _text(item: Any) -> str:
+def _text(item: _Item) -> str:
     if isinstance(item, str):
         return item
     if getattr(item, "attrs", {}).get("MATLAB_class", b"") == b"char":

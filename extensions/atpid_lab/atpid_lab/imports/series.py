@@ -4,20 +4,20 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from atpid_common.files import parse_yaml
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Series
 from atpid_control.runs.read import MOST_HELD
+from atpid_control.runs.tables import Values
 
 _TABLE = parse_yaml(files(__package__).joinpath("data", "units.yaml").read_text(encoding="utf-8"))
 _UNITS = {name: (unit, factor) for unit, names in _TABLE["plain"].items() for name, factor in names.items()}
@@ -46,6 +46,8 @@ def si_of(given: str) -> tuple[str, float] | None:
     return None
 
 
+#: Columns of a table by name, each its unit and its values (n,), which are taken by slices.
+Columns = dict[str, tuple[str, Values]]
 #: Values read at once of a channel.
 PIECE = 65_536
 #: Instants may be off the even grid by this share of a step, besides their last digit; a longer step is a gap.
@@ -68,17 +70,13 @@ def bounded(path: Path, numbers: float) -> None:
         raise BagError(f"{path}: {numbers:.3g} numbers in {size / 1e6:.3g} MB: more than it can hold; save it anew")
 
 
-def mapped(path: Path, given: Given, pieces: Iterable[Any]) -> Any:
+def mapped(path: Path, given: Given, pieces: Iterable[ArrayLike]) -> Values:
     """Return the values of pieces, one after the other (n,), mapped from a nameless file. Raises BagError, OSError."""
     with TemporaryFile(dir=given.folder) as stream:
         for piece in pieces:
             bounded(path, stream.tell() // 8 + np.size(piece))
             stream.write(np.ascontiguousarray(piece, np.float64).data)
         return np.memmap(stream, np.float64, "r") if stream.tell() else np.zeros(0)
-
-
-#: Columns of a table by name, each its unit and its values (n,), which are taken by slices.
-Columns = Mapping[str, tuple[str, Any]]
 
 
 def timed(

@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyuff
 
+from atpid_common.files import Document
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Series
 from atpid_lab.imports.series import shortest, si_of, timed
@@ -37,7 +37,7 @@ def read(path: Path, given: Given) -> list[Series]:
             raise BagError(f"{path}: is cut off, its last data set has no end; save it anew")
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
-    factors: dict[str, Any] = next((file.read_sets(place) for place, kind in enumerate(kinds) if kind == 164), {})
+    factors: Document = next((file.read_sets(place) for place, kind in enumerate(kinds) if kind == 164), {})
     others = sorted({kind for kind in kinds if kind not in (58, 151, 164)})
     if others:
         given.notes.append(f"{path.name}: data sets {', '.join(map(str, others))}: left out, no time responses")
@@ -61,14 +61,14 @@ def read(path: Path, given: Given) -> list[Series]:
     return found + [series for parts in records.values() for series in _joined(parts, given)]
 
 
-def _name(one: dict[str, Any]) -> str:
+def _name(one: Document) -> str:
     label, first = (str(one.get(key) or "").strip() for key in ("ordinate_axis_lab", "id1"))
     first = first.split(" of /")[0]
     place = f"{one['rsp_node']}{_DIRECTIONS.get(one['rsp_dir'], '')}"
     return next((text for text in (first, label) if text and text.upper() != "NONE"), f"node_{place}")
 
 
-def _times(one: dict[str, Any], given: Given) -> tuple[float, int, bool]:
+def _times(one: Document, given: Given) -> tuple[float, int, bool]:
     """Return rate [Hz], stamp of the first sample [ns], and whether it is since 1970."""
     exact = _EXACT.search(str(one.get("id5") or ""))
     if exact and not given.rate:
@@ -84,7 +84,7 @@ def _times(one: dict[str, Any], given: Given) -> tuple[float, int, bool]:
     return rate, after, False
 
 
-def _unit(one: dict[str, Any], factors: dict[str, Any], given: Given) -> str:
+def _unit(one: Document, factors: Document, given: Given) -> str:
     """Return the unit of the ordinate: its label where that is known, else what its type has by data set 164."""
     label = str(one.get("ordinate_axis_units_lab") or "").strip()
     if label.upper() != "NONE" and label and si_of(label):

@@ -9,14 +9,13 @@ import io
 import logging
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import wavfile
 
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.formats import Given, Grid, Series
-from atpid_lab.imports.series import PIECE, mapped, shortest, timed
+from atpid_lab.imports.series import PIECE, Columns, mapped, shortest, timed
 
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
@@ -32,7 +31,7 @@ def read_tdms(path: Path, given: Given) -> list[Series]:
         if file.file_status.incomplete_final_segment:
             given.notes.append(f"{path.name}: its last segment is cut off: what is missing of it is not known")
         for group in file.groups():
-            columns: dict[str, tuple[str, Any]] = {}
+            columns: Columns = {}
             for channel in group.channels():
                 unit = next((str(channel.properties[name]) for name in _UNITS if name in channel.properties), "")
                 step = float(channel.properties.get("wf_increment", 0.0))

@@ -11,11 +11,11 @@ import sys
 import numpy as np
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, positive, real, refuse, whole
+from atpid_common.arguments import file_path, positive, real, refuse, whole
 from atpid_common.cli import Command
 from atpid_common.files import Document
 from atpid_control.analysis.signals import signals_of
-from atpid_control.commands.results import add_part, print_missing
+from atpid_control.commands.results import add_block, add_part, give_block, print_missing
 from atpid_control.runs.formats import bag_of
 from atpid_control.runs.run import open_run
 from atpid_lab.modes import cantilever, from_run, universal_file
@@ -71,9 +71,7 @@ def _add_modes(parser: argparse.ArgumentParser, *, required: bool) -> None:
     ratio = "damping over critical damping, one for all modes or one a mode [-]"
     add("--damping-ratio", type=real(0.0, 1.0), nargs="+", default=[], metavar="R", help=ratio)
     add("--scene", type=file_path, metavar="SCENE.yaml", help="give this scene with the modes in place of its own")
-    add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the blocks, or the scene, here")
-    output.add_force(parser)
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    add_block(parser, "the blocks, or the scene,")
 
 
 def _place(text: str) -> universal_file.Place:
@@ -117,10 +115,10 @@ def _run_run(args: argparse.Namespace) -> int:
     lines = [f"{'driven' if driven else 'free'} motion, {fit.samples} samples, {left}"]
     if driven and (args.masses or forced):
         masses = np.array(args.masses) if args.masses else None
-        found = from_run.structure_of(fit, masses, args.grain_mass, forced)
-        for number, (f, z, m, by) in enumerate(found.deviations, 1):
+        structure, spread = from_run.structure_of(fit, masses, args.grain_mass, forced)
+        for number, (f, z, m, by) in enumerate(spread, 1):
             lines.append(f"mode {number}: ± {f:.2g} Hz, ± {z:.2g} of critical, ± {m:.2g} kg, drive ± {by:.2g}")
-        return _give(args, found.structure._replace(notes=(*lines, *found.structure.notes)), forced=forced)
+        return _give(args, structure._replace(notes=(*lines, *structure.notes)), forced=forced)
     if args.scene is not None or args.out is not None:
         raise ModesError("--scene, --out: need masses: give --masses, or a run that a force at the container drives")
     deviations = fit.deviations()
@@ -145,10 +143,7 @@ def _give(args: argparse.Namespace, structure: Structure, *, forced: bool) -> in
     text = "".join(f"# {line}\n" for line in _lines(chosen, forced)) + write_yaml(given)
     if args.out is not None:
         output.file(args.out, replace=args.force)
-        with output.writing(args.out):
-            args.out.write_text(text, encoding="utf-8")
-    print(json.dumps(output.finite(chosen)) if args.json else text.rstrip())
-    return 0
+    return give_block(args, text, output.finite(chosen), text.rstrip())
 
 
 def _lines(chosen: Document, forced: bool) -> list[str]:

@@ -63,8 +63,7 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
     """
     known = np.isfinite(signals.excitation).any()
     drive = signals.excitation if known else np.zeros(len(signals.response))
-    parts = list(runs(np.isfinite(drive + signals.response)))
-    begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    begin, end = max(runs(np.isfinite(drive + signals.response)), key=lambda part: part[1] - part[0], default=(0, 0))
     if end - begin < 100 * count:
         raise ModesError(f"the longest part without a gap has {end - begin} samples; needed: {100 * count}")
     every = max(1, -(-(end - begin) // _MOST_SAMPLES))
@@ -216,32 +215,11 @@ def _sandwich(jacobian: Array, left: Array) -> Array:
     return np.asarray(inverse @ middle @ inverse)
 
 
-def _masses_of(fit: Fit, drive: Array) -> Array:
-    """Return the modes' masses (k,) [kg] where a force acts at the container, of drive coefficients (k,) [1/kg].
-
-    Raises ModesError where that cannot be.
-    """
-    if not (drive > 0.0).all():
-        worst = float(fit.frequency[int(np.argmin(drive))])
-        raise ModesError(
-            f"--masses: given none; the mode at {worst:.4g} Hz answers a force at the container backwards: the force "
-            "acts elsewhere; give the modes' masses"
-        )
-    return np.asarray(1.0 / drive)
-
-
-@dataclass(frozen=True)
-class Found:
-    """Modes without the grain, and standard deviations (k, 4) of frequency, ratio, mass and drive factor."""
-
-    structure: Structure
-    deviations: Array
-
-
-def structure_of(fit: Fit, masses: Array | None, grain: float, force: bool) -> Found:
+def structure_of(fit: Fit, masses: Array | None, grain: float, force: bool) -> tuple[Structure, Array]:
     """Return the modes as a scene has them, without a grain [kg] that the closed damper held.
 
-    masses: of the modes as recorded (k,) [kg]; None: those that a force at the container shows. Raises ModesError.
+    Beside them the standard deviations (k, 4) of frequency, ratio, mass and drive factor. masses: of the modes as
+    recorded (k,) [kg]; None: those that a force at the container shows. Raises ModesError.
     """
     count = len(fit.frequency)
     means = np.concatenate([fit.frequency, fit.ratio, fit.drive])
@@ -255,13 +233,19 @@ def structure_of(fit: Fit, masses: Array | None, grain: float, force: bool) -> F
         for f, z, m, by in nominal
     )
     notes = ("compliance: of these modes alone",)
-    return Found(Structure(modes, sum(1.0 / mode.stiffness for mode in modes), notes), spread)
+    return Structure(modes, sum(1.0 / mode.stiffness for mode in modes), notes), spread
 
 
 def _without(fit: Fit, values: Array, masses: Array | None, grain: float, force: bool) -> Array:
-    """Return frequency, ratio, mass and drive (k, 4) of values (3 k,), without the grain [kg]."""
+    """Return frequency, ratio, mass and drive (k, 4) of values (3 k,), without the grain [kg]. Raises ModesError."""
     frequency, ratio, drive = values.reshape(3, -1)
-    mass = _masses_of(fit, drive) if masses is None else masses
+    if masses is None and not (drive > 0.0).all():
+        worst = float(fit.frequency[int(np.argmin(drive))])
+        raise ModesError(
+            f"--masses: given none; the mode at {worst:.4g} Hz answers a force at the container backwards: the force "
+            "acts elsewhere; give the modes' masses"
+        )
+    mass = np.asarray(1.0 / drive) if masses is None else masses
     pace = TAU * frequency
     stiffness, damping = mass * pace**2, 2.0 * ratio * mass * pace
     direct = drive * mass if force else drive * stiffness

@@ -8,12 +8,12 @@ orthogonal and have their modal masses.
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_common.files import check
+from atpid_common.files import Document, check
 from atpid_lab.modes.structure import AT_REST, Mode, ModesError, Structure
 
 _LARGEST = 100_000_000  # [bytes]
@@ -107,7 +107,7 @@ def _shapes(path: Path) -> list[_Shape]:
         raise ModesError(f"{path}: its numbers are no modes ({error})") from None
 
 
-def _shape(name: str, one: dict[str, Any], scale: float) -> _Shape:
+def _shape(name: str, one: Document, scale: float) -> _Shape:
     given = np.stack([one["r1"], one["r2"], one["r3"]], axis=1).astype(complex)
     turn = np.exp(0.5j * np.angle(np.sum(given**2)))  # the phase at which a shape is most nearly real
     values = given / turn

@@ -89,15 +89,13 @@ class FoxgloveNode(Node):
         self._tracer = Tracer(scene, values["rate"])
         self.server = Server(values["port"])
         for topic in parse(DEFAULT, lockstep=False):
-            self._subscribe(replace(topic, name=self.resolve_topic_name(topic.name)))
+            named = replace(topic, name=self.resolve_topic_name(topic.name))
+            self.server.offer(named.name, named.type)
+            # no publisher waits for a viewer: what it is too slow for is lost to it alone
+            asked = subscription_qos(replace(named, best_effort=not named.transient_local))
+            take = partial(self._on_message, named, decoder_of(named.type))
+            self.create_subscription(class_of(named.type), named.name, take, asked, raw=True)
         self.get_logger().info(f"Foxglove: ws://{HOST}:{self.server.port}, layout docs/foxglove/atpid.json")
-
-    def _subscribe(self, topic: Topic) -> None:
-        self.server.offer(topic.name, topic.type)
-        # no publisher waits for a viewer: what it is too slow for is lost to it alone
-        asked = subscription_qos(replace(topic, best_effort=not topic.transient_local))
-        take = partial(self._on_message, topic, decoder_of(topic.type))
-        self.create_subscription(class_of(topic.type), topic.name, take, asked, raw=True)
 
     def _on_message(self, topic: Topic, decoder: Decoder, data: bytes) -> None:
         kind = kind_of(topic.type)
@@ -112,15 +110,11 @@ class FoxgloveNode(Node):
             now_ns = int(self.get_clock().now().nanoseconds)
             time_ns = stamp_of(message) if message_type(topic.type).has_header else now_ns
             self.server.send(TraceRecord(topic.name, topic.type, time_ns, data))
-            if kind in CHECKS:
-                self._trace(topic, kind, message)
-
-    def _trace(self, topic: Topic, kind: str, message: object) -> None:
-        try:
-            for record in self._tracer.push(kind, message):
-                self.server.send(record)
-        except TraceError as error:
-            Dropped.of(self).add(topic.name, str(error))
+            try:
+                for record in self._tracer.push(kind, message) if kind in CHECKS else ():
+                    self.server.send(record)
+            except TraceError as error:
+                Dropped.of(self).add(topic.name, str(error))
 
     def close(self) -> None:
         """Disconnect the viewers."""

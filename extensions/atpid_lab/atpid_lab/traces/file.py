@@ -157,10 +157,11 @@ def write_traces(bag: Bag, file: Path, rate: float = math.inf) -> Written:
     with writing(file):
         try:
             with part.open("wb") as stream:
-                target = _Target(Writer(stream, compression=CompressionType.ZSTD), bag, written)
+                writer = Writer(stream, compression=CompressionType.ZSTD)
+                target = _Target(writer, bag, written)
                 for record in _records(bag, Tracer(scene_of(bag), rate), written):
                     target.add(record)
-                target.finish()
+                writer.finish()  # type: ignore[no-untyped-call]
             os.replace(part, file)
         finally:
             part.unlink(missing_ok=True)
@@ -207,10 +208,6 @@ class _Target:
         count = self._written.messages.get(record.topic, 0)
         self._writer.add_message(self._channels[record.topic], record.time_ns, record.data, record.time_ns, count)
         self._written.messages[record.topic] = count + 1
-
-    def finish(self) -> None:
-        """Write the index."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _schema(self, record: TraceRecord) -> int:
         if record.type not in self._schemas:

@@ -4,11 +4,13 @@
 
 import math
 import struct
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from atpid_common.vocabulary import Frame
 
@@ -39,7 +41,7 @@ def message(name: str, time_ns: int, kind: str, content: object) -> TraceRecord:
     return TraceRecord(PREFIX + name, kind, time_ns, bytes(_store().serialize_cdr(content, kind)))
 
 
-def class_of(kind: str) -> Any:
+def class_of(kind: str) -> Callable[..., object]:
     """Return the class of a standard message type, "pkg/msg/Name"."""
     return _store().types[kind]
 
@@ -51,7 +53,7 @@ def definition(kind: str) -> bytes:
 
 
 @cache
-def _store() -> Any:
+def _store() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -91,7 +93,7 @@ def damper(time_ns: int, pose: Pose, radius: float) -> TraceRecord:
 
 def _marker(
     time_ns: int, number: int, name: str, shape: int, z: float, size: tuple[float, ...], colour: tuple[float, ...]
-) -> Any:
+) -> object:
     time, header = class_of("builtin_interfaces/msg/Time"), class_of("std_msgs/msg/Header")
     point, turn = class_of("geometry_msgs/msg/Point"), class_of("geometry_msgs/msg/Quaternion")
     rgba, image = class_of("std_msgs/msg/ColorRGBA"), class_of("sensor_msgs/msg/CompressedImage")
