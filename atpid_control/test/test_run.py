@@ -155,15 +155,14 @@ def test_a_part_takes_its_samples_only_and_keeps_their_times() -> None:
     ("points", "line"),
     [
         ([], r"run\.csv: .* package atpid_lab, which is not installed: .*`make setup`"),
-        ([EntryPoint("vendor", "no_such_module:FORMAT", formats.GROUP)], r"vendor \(no_such_module.* No module"),
-        ([EntryPoint("vendor", "json:dumps", formats.GROUP)], r"vendor \(json:dumps\): lacks name, suffixes"),
+        ([EntryPoint("vendor", "json:dumps", formats.GROUP)], r"vendor \(json:dumps\), .*: lacks name, suffixes"),
         ([EntryPoint("vendor", "atpid_control.runs.formats:Format", formats.GROUP)], "its name is"),
     ],
 )
 def test_a_format_that_is_not_installed_or_cannot_be_used_is_named(
     points: list[EntryPoint], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(formats, "entry_points", lambda group: points)
+    monkeypatch.setattr("atpid_common.entry_points.entry_points", lambda group: points)
     with pytest.raises(BagError, match=line):
         open_run(tmp_path / "run.csv")
     assert open_run(BAG).signal(BEAM).rate == RATE  # of a bag none is asked for
