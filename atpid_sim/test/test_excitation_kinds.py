@@ -336,9 +336,7 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
         ("short.csv", HEADER + ROWS[: ROWS.index("1.5,")], "1.499 s 2 s"),
     ],
 )
-def test_what_is_no_series_is_one_line_that_names_the_file(
-    name: str, content: str | bytes, parts: str, tmp_path: Path
-) -> None:
+def test_what_is_no_series_is_one_line_of_its_file(name: str, content: str | bytes, parts: str, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     with refused(SceneError, name, *parts.split()):
@@ -346,9 +344,7 @@ def test_what_is_no_series_is_one_line_that_names_the_file(
 
 
 @pytest.mark.parametrize(("resting", "series"), [(0.0, {}), (0.3, {}), (0.3, {"offset": 0.3}), (-0.02, {})])
-def test_a_run_begins_at_rest_wherever_the_laser_reads(
-    resting: float, series: dict[str, float], tmp_path: Path
-) -> None:
+def test_runs_begin_at_rest_wherever_the_laser_reads(resting: float, series: dict[str, float], tmp_path: Path) -> None:
     file = tmp_path / "laser.npz"
     np.savez(file, time=TIMES + 100.0, support_displacement=VALUES + resting)
     scene = scene_of(file, **series)
