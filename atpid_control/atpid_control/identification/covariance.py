@@ -249,9 +249,16 @@ _LEVEL = 0.005
 
 @compiled
 def follow_drift(
-    out: Array, columns: Array, t: Array, y: Array, tone: Array, of_window: tuple[float, float], active: Flags,
-    limits: tuple[float, float], group: int,
-) -> None:  # fmt: skip
+    out: Array,
+    columns: Array,
+    t: Array,
+    y: Array,
+    tone: Array,
+    of_window: tuple[float, float],
+    active: Flags,
+    limits: tuple[float, float],
+    group: int,
+) -> None:
     """Where the change found in a window is a slow drift alone, write estimate and rate in place of the change.
 
     out: the report of the steady model, whose phase, frequency and amplitude become those of the window's end;

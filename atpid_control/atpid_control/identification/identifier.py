@@ -231,9 +231,17 @@ class Identifier:
         self._tracker.change, self._tracker.slow_drift = settings.change, settings.slow_drift
 
     def push(
-        self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
-        delay: float = 0.0, height: float = math.nan, units: tuple[str, str] = ("m", "m"),
-    ) -> Estimate:  # fmt: skip
+        self,
+        first_index: int,
+        rate: float,
+        support: Array | None,
+        beam: Array | None,
+        t_last: float,
+        *,
+        delay: float = 0.0,
+        height: float = math.nan,
+        units: tuple[str, str] = ("m", "m"),
+    ) -> Estimate:
         """Take the next block and return the estimate at its last sample.
 
         `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is

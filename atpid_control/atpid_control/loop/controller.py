@@ -131,9 +131,14 @@ class SelectingController:
     """
 
     def __init__(
-        self, settings: ControlSettings, selector: HeightSelector, limits: tuple[float, float],
-        twin: Twin | None = None, executor: Executor | None = None, fallback: HeightSelector | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        settings: ControlSettings,
+        selector: HeightSelector,
+        limits: tuple[float, float],
+        twin: Twin | None = None,
+        executor: Executor | None = None,
+        fallback: HeightSelector | None = None,
+    ) -> None:
         """Take the method, and the lowest and highest height [m].
 
         twin: predicts the beam's amplitude, to be compared with the measured one; None: it is not compared.

@@ -51,9 +51,14 @@ class HeightServices:
     """Services of a node. A selector is made at the first request, and used by these services only."""
 
     def __init__(
-        self, node: Node, executor: Executor, make: Callable[[str], HeightSelector], method: str,
-        situation: Callable[[], tuple[Estimate | None, float, Resonance]], scene: Scene,
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        executor: Executor,
+        make: Callable[[str], HeightSelector],
+        method: str,
+        situation: Callable[[], tuple[Estimate | None, float, Resonance]],
+        scene: Scene,
+    ) -> None:
         """Serve.
 
         executor: where heights are computed, one call at a time; make: returns the selector of a method, raises

@@ -134,7 +134,7 @@ _NEWEST = QoSProfile(depth=6, reliability=ReliabilityPolicy.BEST_EFFORT)
 _NICE = 10
 
 
-class _LiveNode(Node):
+class LiveNode(Node):
     """Parameters, topics, and one call into the view for each message."""
 
     def __init__(self, **node_options: object) -> None:
@@ -178,9 +178,9 @@ def _pass_on(take: Callable[..., None], message: object) -> None:
         take(message, time.monotonic())
 
 
-def _announced() -> _LiveNode:
+def _announced() -> LiveNode:
     """Make the node and print the page's address; who gave the token has printed it."""
-    node = _LiveNode()
+    node = LiveNode()
     address = node.server.address
     if not address.token or os.environ.get(TOKEN, "") != address.token:
         print(f"live page: {address.url}", flush=True)

@@ -94,9 +94,14 @@ class RecorderNode(Node):
         """Make the bag with the first message or turn, so that a node with bad parameters makes no bag."""
         if self.session is None:
             self.session = RecordingSession(
-                self.bag, self.run, self.topics, lockstep=self._lockstep, offered=self._offered,
-                writing=self._writing, sink=self._sink,
-            )  # fmt: skip
+                self.bag,
+                self.run,
+                self.topics,
+                lockstep=self._lockstep,
+                offered=self._offered,
+                writing=self._writing,
+                sink=self._sink,
+            )
             waits = f" from the trigger on ({self._values['trigger']})" if self.session.waiting else ""
             self.get_logger().info(f"recording {len(self.topics)} topics to {self.bag}{waits}")
             self._publish_status()

@@ -113,9 +113,16 @@ class RecordingSession:
     """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
 
     def __init__(
-        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: _Offered,
-        writing: Writing | None = None, sink: Callable[[Path], Sink] = Sink,
-    ) -> None:  # fmt: skip
+        self,
+        folder: Path,
+        run: RunInfo,
+        topics: list[Topic],
+        *,
+        lockstep: bool,
+        offered: _Offered,
+        writing: Writing | None = None,
+        sink: Callable[[Path], Sink] = Sink,
+    ) -> None:
         """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
         writing = writing or Writing()
         self.topics = {topic.name: topic for topic in topics}

@@ -199,9 +199,15 @@ class BagWriter:
     """One bag, open for writing until `close`."""
 
     def __init__(
-        self, folder: Path, run: RunInfo, *, chunk: int = CHUNK, compression: str = "zstd",
-        sink: Callable[[Path], Sink] = Sink, split: Split | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        folder: Path,
+        run: RunInfo,
+        *,
+        chunk: int = CHUNK,
+        compression: str = "zstd",
+        sink: Callable[[Path], Sink] = Sink,
+        split: Split | None = None,
+    ) -> None:
         """Create `folder` with the file in it, opened by `sink`, and write the run's description. Raises BagError."""
         check_new(folder)
         self.folder, self._run = folder, run

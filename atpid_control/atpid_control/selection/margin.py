@@ -165,9 +165,13 @@ class MarginSearch:
     """
 
     def __init__(
-        self, systems: list[UncertainSystem], excitation: Excitation, limits: tuple[float, float], mapper: Mapper,
+        self,
+        systems: list[UncertainSystem],
+        excitation: Excitation,
+        limits: tuple[float, float],
+        mapper: Mapper,
         late: Callable[[], bool],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the systems.
 
         excitation: its amplitude may lie its deviation to either side; limits: of the height [m]; late: whether to end

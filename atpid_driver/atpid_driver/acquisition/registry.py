@@ -55,9 +55,10 @@ def _added() -> dict[str, EntryPoint]:
 
 def backend(name: str) -> Backend:
     """Return a backend. Raises SetupRefusedError: there is none of this name, several, or it cannot be loaded."""
+    added = _added()
     if name in BUILT_IN:
         return BUILT_IN[name]
-    if name not in (added := _added()):
+    if name not in added:
         raise SetupRefusedError(f"backend {name!r} is not known: choose one of {', '.join(names())}")
     found = loaded(added[name], error=SetupRefusedError)
     if not isinstance(found, Backend):

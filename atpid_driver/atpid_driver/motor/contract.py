@@ -28,7 +28,7 @@ class CeilingContract:
     resolution = 1e-9
 
     def make(self) -> CeilingActuator:
-        """Return a ceiling, not connected, that can travel by 0.1 m at least, at 0.05 m/s or faster."""
+        """Return a ceiling, not connected, whose whole travel takes 2 to 10 s."""
         raise NotImplementedError
 
     def after(self, seconds: float) -> int:
@@ -45,10 +45,10 @@ class CeilingContract:
 
     @pytest.fixture
     def armed(self, ceiling: CeilingActuator) -> CeilingActuator:
-        """Return it armed and homed, in the middle of its travel."""
+        """Return it armed and homed, at its highest."""
         ceiling.activate(self.after(0.0))
         self.until(ceiling, lambda reading: reading.ready)
-        self.travel(ceiling, 0.5 * (ceiling.limits.lowest + ceiling.limits.highest), 1)
+        self.travel(ceiling, ceiling.limits.highest, 1)
         return ceiling
 
     def until(self, ceiling: CeilingActuator, condition: Callable[[Reading], object]) -> Reading:
@@ -65,10 +65,11 @@ class CeilingContract:
         return self.until(ceiling, lambda reading: reading.mode is Mode.HOLDING and reading.sequence == sequence)
 
     def on_its_way(self, ceiling: CeilingActuator) -> Reading:
-        """Send it down by 0.1 m; return a reading on the way."""
-        start = ceiling.read(self.after(0.0)).height
-        ceiling.move(max(ceiling.limits.lowest, start - 0.1), 7, self.after(0.0))
-        return self.until(ceiling, lambda reading: reading.height < start - 0.01)
+        """Send it down; return a reading on the way."""
+        limits = ceiling.limits
+        ceiling.move(limits.lowest, 7, self.after(0.0))
+        begun = limits.highest - 0.05 * (limits.highest - limits.lowest)
+        return self.until(ceiling, lambda reading: reading.height < begun)
 
     def stands(self, ceiling: CeilingActuator) -> float:
         """Return the height at which it stands still; fail where it moves, looked at without a heartbeat."""
@@ -90,11 +91,10 @@ class CeilingContract:
 
     def test_it_travels_at_its_speed_and_states_where_it_is(self, armed: CeilingActuator) -> None:
         """The reading has the command's sequence and target, the velocity its sign; it arrives."""
-        start = armed.read(self.after(0.0)).height
         moving = self.on_its_way(armed)
         assert (moving.mode, moving.sequence) == (Mode.MOVING, 7)
         assert moving.velocity == -armed.limits.speed
-        assert moving.target == pytest.approx(max(armed.limits.lowest, start - 0.1), abs=self.resolution)
+        assert moving.target == armed.limits.lowest
         there = self.until(armed, lambda reading: reading.mode is Mode.HOLDING)
         assert there.height == pytest.approx(moving.target, abs=self.resolution)
         assert there.velocity == 0.0
@@ -133,8 +133,10 @@ class CeilingContract:
     def test_without_a_heartbeat_it_is_off(self, armed: CeilingActuator) -> None:
         """`observe` keeps nothing alive: the motor is off by itself when no `read` comes, and stays so."""
         self.on_its_way(armed)
-        for _ in range(4):
-            last = armed.observe(self.after(0.5e-9 * HEARTBEAT_TIME))
+        for _ in range(round(LONGEST)):
+            last = armed.observe(self.after(2e-9 * HEARTBEAT_TIME))
+            if last.faults:
+                break
         assert (last.mode, bool(last.faults)) == (Mode.FAULT, True)
         self.stands(armed)
         with pytest.raises(NotReadyError):

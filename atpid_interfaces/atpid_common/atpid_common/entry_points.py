@@ -33,7 +33,7 @@ def loaded(point: EntryPoint, needed: Collection[str] = (), error: type[AtpidErr
     try:
         found = point.load()
     except Exception as problem:  # the package's own code, which may fail in any way
-        reason = one_line(f"{type(problem).__name__}: {problem}")
+        reason = one_line(" ".join(f"{type(problem).__name__}: {problem}".split()))
         raise error(f"{_named(point)}: cannot be loaded: {reason}; reinstall or remove its package") from problem
     if missing := [name for name in needed if not hasattr(found, name)]:
         raise error(f"{_named(point)}: lacks {', '.join(missing)}; needed: {', '.join(needed)} (docs/extend.md)")

@@ -262,9 +262,11 @@ class HeightMap(Drawn):
                 raise MapError(f"{name}: has map format {about.get('format')}, this program reads {readable}; {_MAKE}")
             made = HeightMap(
                 **{key: _numbers(stored, key) for key in _stored(several)},  # type: ignore[arg-type]
-                identity=_identity(about["system"]), tolerance=float(about["tolerance"]), source=Path(name).name,
+                identity=_identity(about["system"]),
+                tolerance=float(about["tolerance"]),
+                source=Path(name).name,
                 failures=tuple(_failure(given, several) for given in about.get("failures", ())),
-            )  # fmt: skip
+            )
         except FileError as error:
             raise MapError(f"{error}; {_MAKE}") from None
         except MapError:

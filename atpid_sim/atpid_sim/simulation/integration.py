@@ -236,8 +236,13 @@ class Integration:
         grounded = "the grain is in contact at the phase of the section"
         return after[:done], grounded if ended == IN_CONTACT else Outcome(ended).sentence
 
-    def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
-            disturbance: float = 0.0) -> FinishedRun:  # fmt: skip
+    def run(
+        self,
+        observation: Observation = NO_OBSERVATION,
+        table: Array | None = None,
+        limit: int | None = None,
+        disturbance: float = 0.0,
+    ) -> FinishedRun:
         """Integrate from the initial state through a table, by default that of the scene.
 
         Raises NumericalFailure with outcome, time and state where the run does not reach its end.
