@@ -224,9 +224,7 @@ def test_a_second_map_is_aborted_and_a_cancelled_one_is_kept(maps: MapStand, tmp
     assert kept.name != "first.npz"
 
 
-def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
-    maps: MapStand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_defect_is_told_and_the_node_goes_on(maps: MapStand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def defective(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a defect")
 

@@ -319,8 +319,6 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
     ("name", "content", "parts"),
     [
         ("torn.npz", GOOD[:2000], "NPZ"),
-        ("empty.npz", b"", "NPZ"),
-        ("objects.npz", npz(time=np.array([1, None]), support_displacement=VALUES), "NPZ"),
         ("unequal.npz", npz(time=TIMES, support_displacement=VALUES[:-3]), "2001 1998"),
         ("text.npz", npz(time=TIMES, support_displacement=VALUES.astype(str)), "'support_displacement'"),
         ("other.npz", npz(t=TIMES), "'time' t excitation.series"),
@@ -481,9 +479,7 @@ def test_a_shock_is_measured_by_the_largest_deflection() -> None:
     assert simulate(scene.with_(height=0.06), "impact", check=False).motion == "shock"
 
 
-def test_the_command_shows_root_mean_squares_and_writes_the_spectrum(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_shows_squares_and_writes_the_spectrum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, spectrum = tmp_path / "scene.yaml", str(tmp_path / "s.csv")
     file.write_text(shaken(30.0, height=0.06).to_yaml())
     arguments = ["simulate", str(file), "--fidelity", "impact", "--rtol", "1e-4"]
