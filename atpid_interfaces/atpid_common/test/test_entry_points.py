@@ -21,7 +21,7 @@ GROUP = "atpid.of_tests"
         ("built = added:X", "", "built .* taken by what is built in;"),
         ("own = added:X", "", "own .* AttributeError: "),
         ("own = added:X", "import no_such_module_here", "own .* ModuleNotFoundError: .*'no_such_module_here'"),
-        ("own = added:X", "raise ValueError('two\\nlines')", r"own .* ValueError: two\\nlines;"),
+        ("own = added:X", "raise ValueError('two\\nlines')", "own .* ValueError: two lines;"),
         ("own = added:X", "X = 1", "own .*: lacks name, read;"),
     ],
 )
