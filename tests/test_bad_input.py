@@ -48,9 +48,7 @@ def refused(capsys: pytest.CaptureFixture[str], scene: Path, out: Path) -> str:
         ({"ceiling": CEILING | {"map": "text.npz"}}, r"text\.npz.*\bNPZ\b"),
     ],
 )
-def test_a_scene_that_cannot_be(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: Any, parts: str
-) -> None:
+def test_a_bad_scene(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: Any, parts: str) -> None:
     (tmp_path / "text.npz").write_text("hello")
     source = map_for(load_scene(scene))
     assert source is not None
@@ -85,9 +83,7 @@ def test_a_scene_that_is_not_there_or_a_folder_with_something_else_in_it(
         ("selector_node", {"map": "none.npz"}, r"none\.npz"),
     ],
 )
-def test_a_node_with_a_bad_parameter(
-    scene: Path, tmp_path: Path, node: str, changes: dict[str, object], parts: str
-) -> None:
+def test_a_bad_node_parameter(scene: Path, tmp_path: Path, node: str, changes: dict[str, object], parts: str) -> None:
     _, given = parameters(scene, tmp_path, lockstep=False)
     given[node] |= changes
     write_parameters(given, tmp_path / "parameters.yaml")

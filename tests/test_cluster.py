@@ -80,9 +80,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
             process.wait()
 
 
-def test_commands_on_a_cluster_that_loses_a_worker_give_what_this_machine_gives(
-    cluster: Cluster, tmp_path: Path
-) -> None:
+def test_a_cluster_that_loses_a_worker_gives_what_this_machine_gives(cluster: Cluster, tmp_path: Path) -> None:
     task, far, before = standard_task(0.01, 0.1, 0.2), Workers(cluster=cluster.address), cluster.lost()
     scene = load_scene(SCENE)
     made_far = build_map(scene, AMPLITUDES, [0.1], tmp_path / "far.npz", cluster.losing_one(), far)
@@ -101,9 +99,7 @@ def test_commands_on_a_cluster_that_loses_a_worker_give_what_this_machine_gives(
 
 
 @pytest.mark.parametrize("listens", [False, True])
-def test_a_scheduler_that_does_not_answer_is_one_line(
-    listens: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_scheduler_without_answer_is_one_line(listens: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Nothing listens there, or something else that never answers."""
     monkeypatch.setattr("atpid_sim.simulation.batch._CONNECT_TIMEOUT", 1.0)
     with socket.socket() as other:

@@ -321,9 +321,7 @@ def test_a_node_of_the_stand_that_ends_ends_the_stand(
     assert errors[0] == NO_LEVELS
 
 
-def test_a_bag_that_exists_is_refused_before_a_node_starts(
-    scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_existing_bag_is_refused_first(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stand", str(scenes / "stand_realtime.yaml"), "--bag", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert {f"{tmp_path}:", "exists"} <= set(line.split())

@@ -86,9 +86,7 @@ STAGES = [(6.0, 0.015, 0.29, 0.333), (13.0, 0.04, 0.76, 0.888), (20.0, 0.03, 0.5
 
 @pytest.mark.always("the whole graph in lockstep")
 @pytest.mark.parametrize(("end", "excitation", "height", "closed"), STAGES)
-def test_the_adaptive_bench_of_the_thesis(
-    adaptive: Bag, end: float, excitation: float, height: float, closed: float
-) -> None:
+def test_the_thesis_adaptive_bench(adaptive: Bag, end: float, excitation: float, height: float, closed: float) -> None:
     window = slice(round((end - 2.0) * 1000.0), round(end * 1000.0))
     blocks = slice(round((end - 2.0) * 20.0), round(end * 20.0))
     estimated = [message.amplitude for message in messages(adaptive, "/excitation")[blocks]]
@@ -147,9 +145,7 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes: Path, tmp_
 
 
 @pytest.mark.parametrize("ceiling", [{"height": 0.1}, {"closed": 0.017, "open": 0.1, "start": 0.2, "end": 0.5}])
-def test_a_ceiling_without_a_controller_follows_the_scene(
-    scenes: Path, tmp_path: Path, ceiling: dict[str, float]
-) -> None:
+def test_an_uncontrolled_ceiling_follows_the_scene(scenes: Path, tmp_path: Path, ceiling: dict[str, float]) -> None:
     changes = {"duration": 0.7, "steady_window": [0.5, 0.7], "ceiling": ceiling}
     bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
     assert true(bag, "ceiling")[-1] == pytest.approx(0.1)
@@ -207,9 +203,7 @@ def test_a_drift_of_one_per_cent_a_second_is_followed_without_rumble(scenes: Pat
     assert max(message.beam_amplitude for message in estimates) < 0.45 * closed[0] < 0.3 * closed[1]
 
 
-def test_a_frequency_that_steps_is_selected_for_and_closed_where_the_damper_is_of_no_use(
-    scenes: Path, tmp_path: Path
-) -> None:
+def test_a_frequency_that_steps_is_selected_for_and_closed_where_it_is_of_no_use(scenes: Path, tmp_path: Path) -> None:
     frequency = [[5.0, 5.25], [5.01, 5.47], [10.0, 5.47], [10.01, 3.2]]
     changes = {"duration": 17.0, "steady_window": [16.0, 17.0], "frequency": frequency}
     path = scene_file(scenes / "stepping_frequency.yaml", tmp_path, **changes)

@@ -17,15 +17,6 @@ import numpy as np
 import pytest
 import rclpy
 from atpid_interfaces import msg
-from atpid_interfaces.msg import (
-    CeilingCommand,
-    CeilingState,
-    Event,
-    Excitation,
-    PlantTruth,
-    RecorderStatus,
-    SampleBlock,
-)
 from graph_runs import parameters
 from hypothesis import settings
 from rclpy.lifecycle import LifecycleNode
@@ -122,16 +113,16 @@ def test_a_node_outlives_what_cannot_be(node: Node) -> None:
 
 #: The checks look at fields alone, so they have the last value of each enumeration once more.
 LAST: list[tuple[str, str, int]] = [
-    ("Excitation", "quality", Excitation.POOR),
-    ("Excitation", "origin", Excitation.BEAM),
-    ("CeilingState", "mode", CeilingState.FAULT),
-    ("Event", "severity", Event.ALARM),
+    ("Excitation", "quality", msg.Excitation.POOR),
+    ("Excitation", "origin", msg.Excitation.BEAM),
+    ("CeilingState", "mode", msg.CeilingState.FAULT),
+    ("Event", "severity", msg.Event.ALARM),
 ]
 BLOCK: dict[str, Any] = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0.0, 0.0]}
 
 
-def block(*values: float, **changes: Any) -> SampleBlock:
-    return SampleBlock(**BLOCK | changes, data=array.array("d", values))
+def block(*values: float, **changes: Any) -> msg.SampleBlock:
+    return msg.SampleBlock(**BLOCK | changes, data=array.array("d", values))
 
 
 @pytest.mark.parametrize(
@@ -144,10 +135,10 @@ def block(*values: float, **changes: Any) -> SampleBlock:
         (block(0.0, 0.0, first_index=2**63), "index 2^62"),
         (block(0.0, math.inf), "1e+100"),
         (block(), "no samples"),
-        (PlantTruth(rate=1000.0, support=array.array("d", [0.0])), "0 1 values"),
-        (PlantTruth(rate=1000.0, input_energy=math.nan), "no number"),
-        (RecorderStatus(topics=["a"], received=[1], written=[]), "1 topics 0 counts"),
-        (Excitation(quality=Excitation.STEADY, amplitude=math.nan, frequency=5.0), "amplitude nan"),
+        (msg.PlantTruth(rate=1000.0, support=array.array("d", [0.0])), "0 1 values"),
+        (msg.PlantTruth(rate=1000.0, input_energy=math.nan), "no number"),
+        (msg.RecorderStatus(topics=["a"], received=[1], written=[]), "1 topics 0 counts"),
+        (msg.Excitation(quality=msg.Excitation.STEADY, amplitude=math.nan, frequency=5.0), "amplitude nan"),
         *((getattr(msg, kind)(**{field: last + 1}), f"{field} {last + 1}") for kind, field, last in LAST),
     ],
 )
@@ -166,11 +157,11 @@ def test_a_stamp_before_1970_is_no_stamp(kind: str) -> None:
     "message",
     [
         block(0.0, math.nan),
-        SampleBlock(handshake=True, channels=["a"]),
-        PlantTruth(handshake=True, ceiling=array.array("d", [0.3])),
-        Excitation(quality=Excitation.NONE, amplitude=math.nan),
-        CeilingCommand(height=math.nan),
-        CeilingState(mode=CeilingState.UNCONFIGURED, height=math.nan),
+        msg.SampleBlock(handshake=True, channels=["a"]),
+        msg.PlantTruth(handshake=True, ceiling=array.array("d", [0.3])),
+        msg.Excitation(quality=msg.Excitation.NONE, amplitude=math.nan),
+        msg.CeilingCommand(height=math.nan),
+        msg.CeilingState(mode=msg.CeilingState.UNCONFIGURED, height=math.nan),
         *(getattr(msg, kind)(**{field: last}) for kind, field, last in LAST),
     ],
 )

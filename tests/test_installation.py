@@ -131,9 +131,7 @@ def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
     assert re.search(r" 0 errors, 0 failures, ", summary)
 
 
-def test_every_module_is_there_without_what_only_tests_need(
-    removed: Path, shell: dict[str, str], tmp_path: Path
-) -> None:
+def test_every_module_loads_without_what_only_tests_need(removed: Path, shell: dict[str, str], tmp_path: Path) -> None:
     lock = (ROOT / "ros2_ws/requirements/tests.txt").read_text()
     locked = set(re.findall(r"^([a-z0-9-]+)==", lock, re.MULTILINE))
     made_by = packages_distributions().items()

@@ -135,9 +135,7 @@ def test_a_signal_before_python_starts_ends_it_quietly(package: str, node: str, 
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_stand_that_receives_ctrl_c_often_while_it_starts_ends_quietly(
-    simulated: dict[str, Path], tmp_path: Path
-) -> None:
+def test_ctrl_c_given_often_while_a_stand_starts_ends_it_quietly(simulated: dict[str, Path], tmp_path: Path) -> None:
     """From the terminal and passed on by `ros2 launch`."""
     options = [f"--{name.replace('_', '-')}={file}" for name, file in simulated.items()]
     command = ["atpid", "stand", str(SCENE), f"--map={HEIGHT_MAP}", *options]

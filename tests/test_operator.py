@@ -67,7 +67,7 @@ class Desk(Spun):
         assert len(answer.message.splitlines()) == 1
         return bool(answer.success), str(answer.message)
 
-    def call(self, name: str) -> tuple[bool, str]:
+    def asked(self, name: str) -> tuple[bool, str]:
         return self.answer(self.begin(name))
 
     def press(self, button: str, turns: int = 20) -> tuple[bool, str]:
@@ -87,10 +87,10 @@ class Desk(Spun):
         return answers[-1][1]
 
     def stop(self) -> str:
-        return self.confirmed(lambda: self.call("supervisor_node/stop"))
+        return self.confirmed(lambda: self.asked("supervisor_node/stop"))
 
     def arm(self) -> None:
-        self.confirmed(lambda: self.call("supervisor_node/rearm"))
+        self.confirmed(lambda: self.asked("supervisor_node/rearm"))
         self.until(lambda: self.mode == CeilingState.HOLDING)
 
 
@@ -156,14 +156,12 @@ def stays_off(desk: Desk, stand: Stand) -> bool:
 
 
 @pytest.mark.always("the operator's stop, by the board's own answer")
-def test_a_stop_is_confirmed_by_the_board_and_arming_it_again_reports_what_the_motor_does(
-    desk: Desk, stand: Stand
-) -> None:
+def test_a_stop_is_confirmed_by_the_board_and_arming_reports_what_the_motor_does(desk: Desk, stand: Stand) -> None:
     words = desk.stop()
     assert stand.off
     desk.until(lambda: not desk.permit)
     assert "supervisor_node/rearm" in words  # which is what arms it
-    assert not desk.call("motor_node/rearm")[0]
+    assert not desk.asked("motor_node/rearm")[0]
     desk.arm()
     words = desk.confirmed(lambda: desk.press("stop"))
     assert stand.off
@@ -195,7 +193,7 @@ def test_a_hung_motor_node_confirms_nothing_and_arms_nothing_when_it_goes_on(des
     success, words = desk.answer(stopping)
     assert (success, words.endswith(STOP_WORDS)) == (False, True)
     assert len(desk.supervisor) > begun + 5, "the supervisor goes on while it waits"
-    success, words = desk.call("supervisor_node/rearm")
+    success, words = desk.asked("supervisor_node/rearm")
     assert (success, desk.permit, "motor_node" in words) == (False, False, True)
     stand.motor.send_signal(signal.SIGCONT)
     desk.until(lambda: desk.ceiling[-1].mode in (CeilingState.DISARMED, CeilingState.FAULT))
@@ -207,9 +205,9 @@ def test_a_dead_motor_node_is_named_and_no_motion_permitted(desk: Desk, stand: S
     """The last test of the stand."""
     stand.motor.kill()
     stand.motor.wait()
-    success, words = desk.call("supervisor_node/stop")
+    success, words = desk.asked("supervisor_node/stop")
     assert (success, STOP_WORDS in words) == (False, True)
-    for success, words in (desk.call("supervisor_node/rearm"), desk.press("arm")):
+    for success, words in (desk.asked("supervisor_node/rearm"), desk.press("arm")):
         assert (success, "motor_node" in words, desk.permit) == (False, True, False)
 
 

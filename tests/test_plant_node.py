@@ -192,9 +192,7 @@ def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_f
     assert graph.ended() == 0
 
 
-def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
-    start: Start, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_silent_recorder_is_reported_and_not_waited_for(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_watch, "GONE_AFTER", 0.3)
     graph = start(lockstep=False, expect_recorder=True, duration=100.0)
     graph.until(lambda: graph.handshakes > 3)

@@ -91,9 +91,7 @@ def close(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize("rate", [0.0, 8.0])
-def test_a_replay_gives_the_recorded_estimates_and_commands(
-    graph: NodeGraph, recorded: Path, tmp_path: Path, rate: float
-) -> None:
+def test_a_replay_gives_estimates_and_commands(graph: NodeGraph, recorded: Path, tmp_path: Path, rate: float) -> None:
     heard = graph.collect(Clock, "/clock", 100)
     began = time.monotonic()
     height_map = ROOT / "atpid_control/config/maps/standard.npz"

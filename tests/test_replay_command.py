@@ -117,9 +117,7 @@ def parameters_of(files: Any, node: str) -> dict[str, Any]:
     return parameters_in(yaml.safe_load(files.parameters.read_text()), node)
 
 
-def test_a_bag_of_older_definitions_is_replayed_with_its_own_parameters(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_an_older_bag_is_replayed_with_its_own_parameters(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Estimates are its own; with a dead band as wide as the change of the excitation the ceiling stays where it is.
 
     That its messages are those of today is tested below, that those give the recorded commands in test_replay.py.
@@ -185,9 +183,7 @@ def test_a_file_the_bag_does_not_keep_is_asked_for(tmp_path: Path, ending: str, 
         write_replay_files(bag, tmp_path / "kept")
 
 
-def test_a_message_that_cannot_be_converted_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_message_that_cannot_be_converted_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = older(BAG, tmp_path / "bag", lambda text: text.replace("uint64 first_index", "string first_index"))
     with pytest.raises(BagError, match=r"first_index of .*SampleBlock.* string.* uint64"):
         load_playback(bag, ["sensors/*"])
@@ -196,9 +192,7 @@ def test_a_message_that_cannot_be_converted_is_refused_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_everything_that_reads_bags_reads_older_ones(
-    old: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_whatever_reads_bags_reads_older_ones(old: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert verify(old).by_topic[BLOCKS] == 160
     assert main(["bag", "extract", str(old), "--out", str(tmp_path / "kept")]) == 0
     assert main(["bag", "extract", str(old), "--out", str(tmp_path / "kept"), "--support", "1:2"]) == 0

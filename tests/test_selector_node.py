@@ -300,9 +300,7 @@ def test_each_estimate_is_answered_while_a_height_is_computed(make: Make, monkey
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_a_controller_that_takes_long_is_reported_in_real_time(
-    make: Make, monkeypatch: pytest.MonkeyPatch, lockstep: bool
-) -> None:
+def test_a_slow_controller_is_told_in_real_time(make: Make, monkeypatch: pytest.MonkeyPatch, lockstep: bool) -> None:
     def slow(*arguments: Any) -> Any:
         return Slow(controller_of(*arguments), "answer", lambda: time.sleep(1.2e-9 * BLOCK))
 

@@ -290,9 +290,7 @@ def test_the_motors_limits_are_asked_for_again_where_no_answer_came(start: Start
     run.until(lambda: any("check passed" in e.text for e in run.events), lambda: run.displacement(0.001))
 
 
-def test_its_end_withdraws_the_permission_and_awaits_that_all_have_it(
-    start: Start, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_end_withdraws_permission_and_awaits_that_all_know(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     run = start()
     run.ready()
     awaited: list[str] = []

@@ -71,9 +71,7 @@ def test_a_heavy_grain_stops_the_free_beam_at_once() -> None:
 
 
 @pytest.mark.parametrize(("phi", "deflection", "measured", "model"), MISSED)
-def test_two_decays_in_which_one_impact_decides_are_missed(
-    phi: float, deflection: float, measured: float, model: float
-) -> None:
+def test_decays_decided_by_one_impact_are_missed(phi: float, deflection: float, measured: float, model: float) -> None:
     result = simulate(released(phi, excitation={"free": {"deflection": deflection}}), check=False)
     assert result.decrement == pytest.approx(model, abs=0.05)
     assert result.decrement < 0.9 * measured

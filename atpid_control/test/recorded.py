@@ -170,12 +170,10 @@ def topics_of(lockstep: bool) -> list[Topic]:
     return [Topic(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
 
 
-def session_of(
-    folder: Path, scene_file: Path, *, lockstep: bool = True, clock: str = "", **how: Any
-) -> RecordingSession:
+def session_of(folder: Path, scene: Path, *, lockstep: bool = True, clock: str = "", **how: Any) -> RecordingSession:
     """Begin to record a run of the scene into `folder`."""
     clock = clock or ("lockstep" if lockstep else "real time")
-    run = new_run(scene_file, run_id="specimen", commit="0123456789ab", clock=clock)
+    run = new_run(scene, run_id="specimen", commit="0123456789ab", clock=clock)
     return RecordingSession(folder, run, topics_of(lockstep), lockstep=lockstep, offered=lambda _: (Qos(),), **how)
 
 

@@ -89,9 +89,7 @@ def test_a_folder_with_other_files_or_of_another_bench_is_not_changed(tmp_path: 
         ({"closed": 0.017, "open": 0.2, "start": 0.2, "end": 0.7}, (0.017, 0.2, 0.366, 0.017)),
     ],
 )
-def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(
-    ceiling: dict[str, object], expected: tuple[float, ...]
-) -> None:
+def test_the_simulated_ceiling_is_limited_by_the_scene(ceiling: dict[str, object], expected: tuple[float, ...]) -> None:
     found = parts.ceiling_parameters(standard_bench(ceiling=ceiling, duration=1.0))
     assert tuple(found.values()) == pytest.approx(expected)
     assert tuple(found) == ("lowest", "highest", "speed", "initial_height")

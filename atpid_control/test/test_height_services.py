@@ -16,9 +16,9 @@ import pytest
 from action_msgs.msg import GoalStatus
 from atpid_interfaces.action import ComputeMap
 from atpid_interfaces.srv import SelectHeight
-from node_stand import NodeStand
 from rclpy.action import ActionClient
 from rclpy.task import Future
+from spun import Spun
 from std_msgs.msg import Empty
 
 from atpid_common.testing import PATIENCE
@@ -38,12 +38,11 @@ MAKE = partial(make_selector, scene=SCENE, height_map=ROOT / "atpid_control/conf
 STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 
 
-class Stand(NodeStand):
+class Stand(Spun):
     """A node with the services and a client."""
 
     def __init__(self, make: Callable[[str], HeightSelector] = MAKE) -> None:
         super().__init__("selector_node", "client")
-        self.node, self.client = self.nodes
         self.latest: Estimate | None = None
         self.worker = threaded("session-selection")
         HeightServices(self.node, self.worker, make, "lookup", self.situation, SCENE)
@@ -52,7 +51,7 @@ class Stand(NodeStand):
         return self.latest, 0.3, Resonance(SCENE.frequency_hz, 0.03)
 
     def begin(self, method: str, **request: float) -> Future:
-        service = self.client.create_client(SelectHeight, f"selector_node/{method}")
+        service = self.peer.create_client(SelectHeight, f"selector_node/{method}")
         assert service.wait_for_service(timeout_sec=PATIENCE)
         return service.call_async(SelectHeight.Request(**request))
 
@@ -118,7 +117,7 @@ def test_the_node_goes_on_while_a_height_is_computed_and_a_defect_is_reported() 
     try:
         taken: list[Empty] = []
         stand.node.create_subscription(Empty, "loop", taken.append, 10)
-        loop = stand.client.create_publisher(Empty, "loop", 10)
+        loop = stand.peer.create_publisher(Empty, "loop", 10)
         answer = stand.begin("lookup", amplitude=0.03)
         stand.until(selector.begun.is_set)
         stand.until(lambda: len(taken) >= 5, lambda: loop.publish(Empty()))
@@ -139,13 +138,13 @@ STANDARD = str(ROOT / "scenes" / "standard.yaml")
 MANY = [0.01 + 0.00005 * k for k in range(400)]
 
 
-class MapStand(NodeStand):
+class MapStand(Spun):
     """A node that serves maps and a client."""
 
     def __init__(self) -> None:
         super().__init__("selector_node", "client")
-        self.server = MapServer(self.nodes[0])
-        self.client = ActionClient(self.nodes[1], ComputeMap, "selector_node/compute_map")
+        self.server = MapServer(self.node)
+        self.client = ActionClient(self.peer, ComputeMap, "selector_node/compute_map")
         self.feedback: list[Any] = []
 
     def ask(self, out: Path, amplitudes: list[float], scene: str = STANDARD, ratios: tuple[float, ...] = ()) -> Any:
@@ -225,9 +224,7 @@ def test_a_second_map_is_aborted_and_a_cancelled_one_is_kept(maps: MapStand, tmp
     assert kept.name != "first.npz"
 
 
-def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
-    maps: MapStand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_defect_is_told_and_the_node_goes_on(maps: MapStand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def defective(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a defect")
 

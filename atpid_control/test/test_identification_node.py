@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
-from node_stand import NodeStand
-from rclpy.parameter import Parameter
+from spun import Spun
 
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.parameters import ParameterError
@@ -29,12 +28,12 @@ CONFIG = yaml.safe_load((ROOT / "atpid_control/config/identifier.yaml").read_tex
 RATE, START = 1000.0, 1_700_000_000_123_456_789
 
 
-class Stand(NodeStand):
+class Stand(Spun):
     """The node and a peer that plays the sensors."""
 
     def __init__(self) -> None:
         super().__init__("peer")
-        (peer,) = self.nodes
+        peer = self.peer
         self.estimates: list[Excitation] = []
         self.events: list[Event] = []
         self.handshakes: list[Excitation] = []
@@ -45,12 +44,10 @@ class Stand(NodeStand):
 
     def identifier(self, **parameters: Any) -> IdentifierNode:
         given = parameters_in(CONFIG, "identifier_node") | parameters
-        values = [Parameter(name, value=value) for name, value in given.items()]
-        self.node = IdentifierNode(parameter_overrides=values, context=self.context)
-        self.executor.add_node(self.node)
+        made: IdentifierNode = self.make(IdentifierNode, given)
         self.until(lambda: self.handshakes, lambda: self.blocks.publish(SampleBlock(handshake=True)))
-        self.until(lambda: self.nodes[0].count_publishers("events"))
-        return self.node
+        self.until(lambda: self.peer.count_publishers("events"))
+        return made
 
     def _hear(self, message: Excitation) -> None:
         (self.handshakes if message.handshake else self.estimates).append(message)
@@ -62,12 +59,6 @@ class Stand(NodeStand):
         self.until(lambda: len(self.estimates) > before)
         assert len(self.estimates) == before + 1
         return self.estimates[-1]
-
-    def close(self) -> None:
-        for node in list(self.executor.get_nodes()):
-            if isinstance(node, IdentifierNode):
-                node.close()
-        super().close()
 
 
 def sample_block(first: int, channels: dict[str, Any], rate: float = RATE, unit: str = "m") -> SampleBlock:

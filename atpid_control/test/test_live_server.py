@@ -155,9 +155,7 @@ def test_a_browser_gets_everything_then_what_is_new(server: LiveServer) -> None:
     run(look())
 
 
-def test_a_stop_does_not_wait_for_other_requests(
-    server: LiveServer, operator: Operator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stop_waits_for_no_requests(server: LiveServer, operator: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server_module, "ANSWER", 200.0)
 
     async def ask() -> None:

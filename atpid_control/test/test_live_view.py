@@ -62,9 +62,7 @@ def tone(count: int, first: int = 0) -> np.ndarray[Any, Any]:
 
 
 @given(first=st.integers(0, 10_000), length=st.integers(1, 200), rate=st.sampled_from([200.0, 1000.0, 3000.0, 12800.0]))
-def test_thinned_blocks_keep_their_extremes_and_are_scans_at_their_own_times(
-    first: int, length: int, rate: float
-) -> None:
+def test_thinned_blocks_keep_extremes_and_are_scans_at_their_own_times(first: int, length: int, rate: float) -> None:
     time = (first + np.arange(length)) / rate
     values = np.stack([np.sin(2 * np.pi * 94.0 * time), np.cos(2 * np.pi * 31.0 * time)], axis=1)
     values[::7, 0] = np.nan

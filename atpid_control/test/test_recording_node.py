@@ -232,9 +232,7 @@ def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: TurnExecutor,
     assert recorder.session.missing_topics() == ["/plant/truth", "/excitation", COMMAND, STATES]
 
 
-def test_a_full_disk_ends_the_recording_with_one_line(
-    ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_ends_it_with_one_line(ros: TurnExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder, source = begin(ros, tmp_path / "run", sync_period=0.0)
 
     def full(_sink: Sink, _data: bytes) -> int:

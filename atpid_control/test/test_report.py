@@ -246,9 +246,7 @@ def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:
     assert re.findall("(?:<b>|&lt;b&gt;)stand", page(view))[0] == "&lt;b&gt;stand"
 
 
-def test_a_replayed_bag_shows_where_the_ceiling_was_sent(
-    adaptive: Path, found: list[stages.Stage], tmp_path: Path
-) -> None:
+def test_a_replay_shows_where_the_ceiling_was_sent(adaptive: Path, found: list[stages.Stage], tmp_path: Path) -> None:
     """Neither truth nor a motor: sensors, estimates and commands only."""
     given = open_bag(adaptive)
     (tmp_path / "scene.yaml").write_text(SHORT)
@@ -274,9 +272,7 @@ def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: Capture)
     refused(capsys, ["bag", "report", bag, "--out", tmp_path / "out"])
 
 
-def test_a_folder_with_files_of_others_is_refused_and_an_earlier_report_replaced(
-    free: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_files_of_others_are_refused_and_earlier_reports_replaced(free: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     command = ["bag", "report", str(free), "--out", str(out)]
     assert [main(command), main(command)] == [0, 0]

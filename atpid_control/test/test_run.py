@@ -155,7 +155,6 @@ def test_a_part_takes_its_samples_only_and_keeps_their_times() -> None:
     ("points", "line"),
     [
         ([], r"run\.csv: .* package atpid_lab, which is not installed: .*`make setup`"),
-        ([EntryPoint("vendor", "no_such_module:FORMAT", formats.GROUP)], r"vendor \(no_such_module.* No module"),
         ([EntryPoint("vendor", "json:dumps", formats.GROUP)], r"vendor \(json:dumps\), .*: lacks name, suffixes"),
         ([EntryPoint("vendor", "atpid_control.runs.formats:Format", formats.GROUP)], "its name is"),
     ],

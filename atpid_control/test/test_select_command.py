@@ -89,9 +89,7 @@ def test_bad_input_is_one_line_and_status_two(scene: str, options: list[str], li
 
 
 @pytest.mark.parametrize("options", ["direct", "direct --margin 3 --amplitude-std 1e-5 --deadline 1e-3", "pca"])
-def test_a_height_of_no_use_is_reported_and_a_numerical_failure_is_status_three(
-    options: str, tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_height_of_no_use_is_reported_and_failure_is_status_3(options: str, tmp_path: Path, capsys: Capture) -> None:
     below = changed(tmp_path / "below.yaml", "amplitude: 0.01", "amplitude: 0.0003", str(ROOT / "scenes/standard.yaml"))
     chosen = answered(capsys, "select", below, "--method", *options.split())
     assert chosen["height"] == 0.017

@@ -60,9 +60,7 @@ def test_the_methods_are_those_of_the_registry_and_of_scenes() -> None:
 
 
 @pytest.mark.parametrize("method", SELECTING)
-def test_every_method_keeps_the_contract_at_the_thesis_heights(
-    selectors: dict[str, HeightSelector], method: str
-) -> None:
+def test_methods_keep_the_contract_at_the_thesis_heights(selectors: dict[str, HeightSelector], method: str) -> None:
     selector = selectors[method]
     assert violations(selector, 0.03, 2.0 * SCENE.grain.radius) == []
     for amplitude, height in ((0.015, 0.29), (0.04, 0.76), (0.03, 0.57)):
@@ -140,9 +138,7 @@ def test_zero_stands_for_the_latest_estimate_and_the_resonance() -> None:
 
 
 @given(*[st.floats()] * 4)
-def test_what_is_accepted_can_be_computed(
-    amplitude: float, amplitude_std: float, frequency: float, margin: float
-) -> None:
+def test_what_is_taken_can_be_computed(amplitude: float, amplitude_std: float, frequency: float, margin: float) -> None:
     try:
         asked = resolved(HeightRequest(amplitude, amplitude_std, frequency, margin), LATEST, RESONANCE)
     except SelectionError:

@@ -18,8 +18,8 @@ from atpid_interfaces.action import SearchHeight
 from atpid_interfaces.msg import SampleBlock
 from hypothesis import given
 from hypothesis import strategies as st
-from node_stand import NodeStand
 from rclpy.action import ActionClient
+from spun import Spun
 from test_controller_computing import settings
 
 from atpid_common.nodes.messages import BLOCKS, time_of
@@ -228,15 +228,15 @@ START = 1_700_000_000_000_000_000  # stamp of the first sample [ns]
 GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 
 
-class Stand(NodeStand):
+class Stand(Spun):
     """A selector in small and a client; the search sees the loop's beam by a topic."""
 
     def __init__(self) -> None:
         super().__init__("selector_node", "client")
         self.loop, self.seen = Loop(), 0.0
-        self.server = SearchServer(self.nodes[0], self.loop.search, lambda: START)
-        self.actions = ActionClient(self.nodes[1], SearchHeight, "selector_node/search")
-        self.blocks = self.nodes[1].create_publisher(SampleBlock, "sensors/laser", BLOCKS)
+        self.server = SearchServer(self.node, self.loop.search, lambda: START)
+        self.actions = ActionClient(self.peer, SearchHeight, "selector_node/search")
+        self.blocks = self.peer.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
         self.loop.show, watch = self.show, self.loop.search.watch
 
         def watched(time: float, beam: Array) -> None:

@@ -158,9 +158,7 @@ def test_nodes_that_cannot_be_are_refused(nodes: tuple[str, ...], needed: tuple[
 
 
 @given(st.lists(st.floats(-20.0, 20.0) | st.floats(), max_size=50), st.floats(0.1, 10.0), st.floats(0.1, 10.0))
-def test_an_abort_is_given_once_and_by_the_first_value_above_its_level(
-    values: list[float], first: float, second: float
-) -> None:
+def test_an_abort_is_given_once_by_the_first_value_above(values: list[float], first: float, second: float) -> None:
     levels = Levels(min(first, second), max(first, second))
     limits = AbortLevels({"beam_displacement": levels})
     passed = [limits.update("beam_displacement", value, 0.01 * turn) for turn, value in enumerate(values)]

@@ -6,24 +6,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from math import nan
 from typing import Any
 
-import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time as TimeMsg
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from spun import Apart
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import own_domain, spin_until
 from atpid_driver.nodes.motor_node import MotorNode
 
 SIMULATED: dict[str, Any] = {
@@ -54,17 +49,11 @@ def motor_process(**parameters: object) -> Iterator["subprocess.Popen[str]"]:
         process.communicate()
 
 
-class Stand:
+class Stand(Apart):
     """A motor node and a node that commands it, in one context on one executor."""
 
     def __init__(self) -> None:
-        self._domain = ExitStack()
-        self._domain.enter_context(own_domain())
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = TurnExecutor(context=self.context)
-        self.peer = Node("peer", context=self.context)
-        self.executor.add_node(self.peer)
+        super().__init__()
         self.states: list[CeilingState] = []
         self.events: list[Event] = []
         self.statuses: list[DiagnosticStatus] = []
@@ -74,9 +63,7 @@ class Stand:
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
 
     def motor(self, **parameters: Any) -> MotorNode:
-        values = [Parameter(name, value=value) for name, value in (SIMULATED | parameters).items()]
-        node = MotorNode(parameter_overrides=values, context=self.context)
-        self.executor.add_node(node)
+        node: MotorNode = self.make(MotorNode, SIMULATED | parameters)
         return node
 
     @property
@@ -87,7 +74,7 @@ class Stand:
     def texts(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]
 
-    def until(self, condition: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+    def until(self, happened: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         due = time.monotonic()
 
         def act_in_time() -> None:
@@ -96,7 +83,7 @@ class Stand:
                 act()
                 due = time.monotonic() + BLOCK  # as the loop does: a flood starves the port's thread
 
-        spin_until(self.executor, condition, act_in_time)
+        super().until(happened, act_in_time)
 
     def until_mode(self, mode: int, act: Callable[[], None] = lambda: None) -> None:
         self.until(lambda: self.state.mode == mode, act)
@@ -147,22 +134,14 @@ class Stand:
             for _ in range(5):
                 self.executor.spin_once(timeout_sec=0.02)
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.peer.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        self.peer.destroy_client(client)
-        return future.result()
-
     def trigger(self, name: str) -> Trigger.Response:
         """Call `stop` or `rearm` of the motor node."""
-        return self.call(Trigger, f"motor_node/{name}", Trigger.Request())
+        return self.call(f"motor_node/{name}")
 
     def change(self, transition: int) -> bool:
         """Ask for a lifecycle transition; return whether it succeeded."""
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(self.call(ChangeState, "motor_node/change_state", request).success)
+        asked = self.call("motor_node/change_state", ChangeState, transition=Transition(id=transition))
+        return bool(asked.success)
 
     def close_motor(self) -> None:
         """End the motor node while its board is still there."""
@@ -170,10 +149,3 @@ class Stand:
             if isinstance(node, MotorNode):
                 self.executor.remove_node(node)
                 node.destroy_node()
-
-    def close(self) -> None:
-        for node in self.executor.get_nodes():
-            node.destroy_node()
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
-        self._domain.close()

@@ -124,9 +124,7 @@ def t7(scans: int = 20, **changes: object) -> LabJackAcquisition:
     return LabJackAcquisition(LabJackSettings(**({"channels": channels(0, "AIN")} | values | changes)))
 
 
-def test_a_read_error_ends_the_stream_in_one_line_and_stop_forgives(
-    device: LabJackAcquisition, control: Control
-) -> None:
+def test_a_read_error_ends_the_stream_in_a_line_and_stop_forgives(device: LabJackAcquisition, control: Control) -> None:
     for code in (1301, 1303, 1306, 1309, 2942, 2606, 1250):
         device.read()
         control.fail(code)

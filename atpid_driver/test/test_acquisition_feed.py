@@ -30,9 +30,7 @@ def bench() -> Iterator[Bench]:
         yield made
 
 
-def test_the_plants_metres_come_back_through_the_device(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_plants_metres_come_back_measured(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "feed"
     monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{path}")
     monkeypatch.setenv("ATPID_LJM_CONTROL", str(tmp_path / "no-faults"))
@@ -98,7 +96,7 @@ def test_the_motors_states_are_passed_on_and_the_feed_is_removed_with_the_node(b
         bench.executor.spin_once(timeout_sec=0.05)
     assert {(one.header.frame_id, one.height) for one in passed} == {("motor_node", 0.25)}
     assert (tmp_path / "feed").exists()
-    bench.nodes.clear()
+    bench.added.remove(node)
     bench.executor.remove_node(node)
     node.destroy_node()
     assert not (tmp_path / "feed").exists()

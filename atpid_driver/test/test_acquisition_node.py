@@ -15,6 +15,7 @@ from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus
 
 from atpid_common.nodes.parameters import ParameterError
+from atpid_common.testing import install
 from atpid_driver.acquisition import SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
@@ -213,9 +214,7 @@ def test_configured_and_shut_down_by_hand_while_it_tries_to_start(bench: Bench, 
         ({"kinds": ["charge"]}, "kind"),
     ],
 )
-def test_a_parameter_that_cannot_be_is_refused_before_a_device_is_touched(
-    bench: Bench, change: dict[str, object], parts: str
-) -> None:
+def test_a_bad_parameter_is_refused_before_the_device(bench: Bench, change: dict[str, object], parts: str) -> None:
     with pytest.raises(ValueError, match=f"^.*{parts}.*$"):
         bench.start(LabJackNode, **laser(**change))
 
@@ -243,23 +242,8 @@ BACKEND = Backend(OwnSettings, SimulatedAcquisition)
 WIRING = {"channels": ["support_displacement"], "terminals": ["x"], "calibrations": ["laser_support.yaml"]}
 
 
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.syspath_prepend(str(tmp_path))
-    return tmp_path
-
-
-def distribution(folder: Path, name: str, entry: str, module: str = OWN) -> None:
-    """Install a distribution with one module of its own name and one entry point."""
-    (folder / f"{name}.py").write_text(module)
-    described = folder / f"{name}-1.0.dist-info"
-    described.mkdir()
-    (described / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (described / "entry_points.txt").write_text(f"[atpid.acquisition]\n{entry} = {name}:BACKEND\n")
-
-
-def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path, bench: Bench) -> None:
-    distribution(site, "registry_source", "own")
+def test_an_entry_point_is_a_backend_like_others(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, monkeypatch, "[atpid.acquisition]\nown = registry_source:BACKEND\n", registry_source=OWN)
     assert backend_names() == ("labjack", "nidaqmx", "simulated", "topic", "own")
     assert backend("own").settings.__name__ == "OwnSettings"
     node = bench.start(LabJackNode, backend="own", rate=1000.0, handshake=False, gain=4.0, **WIRING)
@@ -274,25 +258,17 @@ def test_an_entry_point_is_a_backend_like_the_built_in_ones(site: Path, bench: B
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "parts"),
+    ("entry", "name", "parts"),
     [
-        ("absent", "import no_such_package", "ModuleNotFoundError.*'no_such_package'"),
-        ("broken", "raise ValueError('two\\nlines')", "ValueError: two"),
-        ("number", "BACKEND = 3", r"int: .*atpid_driver\.acquisition\.registry\.Backend"),
+        ("bad = registry_number:BACKEND", "bad", r"int: .*atpid_driver\.acquisition\.registry\.Backend"),
+        ("bad = no_such_module:BACKEND", "bad", "ModuleNotFoundError"),
+        ("labjack = registry_number:BACKEND", "steam", "built in"),
+        ("bad = registry_number:BACKEND", "steam", "'steam'.*labjack, nidaqmx, simulated"),
     ],
 )
-def test_a_plug_in_that_does_not_load_or_is_none_is_one_line(site: Path, name: str, module: str, parts: str) -> None:
-    distribution(site, f"registry_{name}", "bad", module)
-    with pytest.raises(SetupRefusedError, match=rf"registry_{name}:BACKEND .*{parts}[^\n]*$"):
-        backend("bad")
-    with pytest.raises(SetupRefusedError, match=r"'steam'.*labjack, nidaqmx, simulated"):
-        backend("steam")
-    distribution(site, "registry_two", "bad")
-    with pytest.raises(SetupRefusedError, match=rf"bad \(registry_two:BACKEND .* by registry_{name}:BACKEND"):
-        backend("bad")
-
-
-def test_a_plug_in_with_the_name_of_a_built_in_one_is_refused(site: Path) -> None:
-    distribution(site, "registry_three", "labjack")
-    with pytest.raises(SetupRefusedError, match=r"labjack \(registry_three.*built in"):
-        backend("labjack")
+def test_what_is_no_backend_is_one_line(
+    entry: str, name: str, parts: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, monkeypatch, f"[atpid.acquisition]\n{entry}\n", registry_number="BACKEND = 3")
+    with pytest.raises(SetupRefusedError, match=rf"^[^\n]*{parts}[^\n]*$"):
+        backend(name)

@@ -90,9 +90,7 @@ def test_a_slow_taker_holds_the_device_back_but_loses_nothing_and_order_is_kept(
     assert full.reader.status.last_error == ""
 
 
-def test_unplugged_and_replugged_the_indices_go_on_with_the_clock(
-    watch: Watching, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unplugged_and_back_the_indices_go_on_with_the_clock(watch: Watching, monkeypatch: pytest.MonkeyPatch) -> None:
     def gone() -> None:
         raise StreamLostError("unplugged")
 

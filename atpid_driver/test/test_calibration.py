@@ -197,9 +197,7 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
         ("position,volts\n0.0,1\n0.1,2\n0.01,3\n0.09,2.5\n0.05,1.5\n", "same m"),
     ],
 )  # fmt: skip
-def test_readings_that_cannot_be_used_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
-) -> None:
+def test_bad_readings_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, words: str) -> None:
     (tmp_path / "readings.csv").write_text(content)
     degree = ("--degree", "2") if "same m" in words else ()
     assert main(command(tmp_path, *degree)) == 2

@@ -60,9 +60,7 @@ def made(
 
 
 @given(st.floats(0.017, 1.0), st.floats(0.001, 0.3))
-def test_a_ceiling_that_moves_as_commanded_passes_from_anywhere_however_late_it_is_read(
-    height: float, period: float
-) -> None:
+def test_a_ceiling_that_moves_as_commanded_passes_however_late_it_is_read(height: float, period: float) -> None:
     ceiling = armed(SimulatedActuator(LIMITS, height))
     commanded, took = made(ceiling, period=period)
     away = height + DISTANCE if height + DISTANCE <= LIMITS.highest else height - DISTANCE

@@ -150,7 +150,7 @@ def test_lifecycle_by_a_manager(stand: Stand, monkeypatch: pytest.MonkeyPatch) -
     with monkeypatch.context() as broken:
         broken.setattr(SimulatedActuator, "connect", lambda self, now: 1 / 0)
         assert not stand.change(Transition.TRANSITION_CONFIGURE)
-    state = stand.call(GetState, "motor_node/get_state", GetState.Request()).current_state
+    state = stand.call("motor_node/get_state", GetState).current_state
     assert state.label == "unconfigured"
     for transition, mode in (
         (Transition.TRANSITION_CONFIGURE, CeilingState.DISARMED),
@@ -241,9 +241,7 @@ def test_its_statuses_have_standard_names_and_another_quality_of_service_is_an_e
 # a second node of its name
 
 
-def test_while_another_is_there_that_was_there_before_nothing_arms_it(
-    stand: Stand, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_while_an_earlier_one_is_there_nothing_arms_it(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither its own start, which is tried again and again, nor a person; and however long the other stays."""
     monkeypatch.setattr(authority, "DISCOVERY_TIME", 60.0)
     stand.motor()
@@ -264,9 +262,7 @@ def test_while_another_is_there_that_was_there_before_nothing_arms_it(
     stand.until_mode(CeilingState.HOLDING)
 
 
-def test_a_duplicate_that_comes_later_is_reported_but_stops_nothing(
-    stand: Stand, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_later_duplicate_is_reported_but_stops_nothing(stand: Stand, monkeypatch: pytest.MonkeyPatch) -> None:
     stand.motor()
     stand.handshake()
     monkeypatch.setattr(authority, "DISCOVERY_TIME", 0.0)

@@ -104,9 +104,7 @@ def test_interrupted_it_stays_off_under_fresh_commands_until_it_is_armed_again(
     stand.close_motor()
 
 
-def test_a_stop_is_answered_with_the_boards_own_state(
-    stand: Stand, emulator: Emulator, parameters: dict[str, Any]
-) -> None:
+def test_a_stop_is_answered_with_the_boards_state(stand: Stand, emulator: Emulator, parameters: dict[str, Any]) -> None:
     """Motor off once the answer is there; not confirmed where the board is halted, until it answers again."""
     stand.motor(**parameters)
     stand.until_at(0.97)

@@ -170,9 +170,7 @@ FOUND = {
 
 @pytest.mark.parametrize("part", CEILING)
 @pytest.mark.parametrize("kind", KINDS)
-def test_whatever_the_fault_the_ceiling_stays_between_grain_and_switch_and_a_person_arms_again(
-    part: str, kind: str
-) -> None:
+def test_whatever_the_fault_the_ceiling_stays_in_its_range_and_a_person_arms_again(part: str, kind: str) -> None:
     """It moves up at 1.5 s; the checks of the firmware find the fault, which stays latched when its cause has gone."""
     ceiling, found = faulty(part, kind, 1.0, 4.0), NO_FAULT
     for block in range(1, 101):

@@ -37,9 +37,7 @@ def edited(tmp_path: Path, old: str, new: str, scene: str = "standard") -> str:
     return str(tmp_path / "edited.yaml")
 
 
-def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_controlled_ceiling_is_refused_without_a_height(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = str(SCENES / "thesis_4_3.yaml")
     command_refused(capsys, ["simulate", scene, "--json"], 2, "(lookup)", "bench", "--height")
     assert main(["simulate", scene, "--json", "--height", "0.57"]) == 0
@@ -48,9 +46,7 @@ def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(
     assert output.err == ""
 
 
-def test_an_unusual_value_is_run_and_named_with_its_usual_range(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unusual_value_is_run_and_named_with_the_usual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = edited(tmp_path, "amplitude: 0.01", "amplitude: 10")
     assert main(["simulate", scene, "--fidelity", "simplified", "--json"]) == 0
     output = capsys.readouterr()
@@ -88,9 +84,7 @@ def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys:
         assert len(kept["time"]) == 16001
 
 
-def test_one_amplitude_that_cannot_be_computed_does_not_cost_the_map(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_amplitude_that_cannot_be_computed_costs_no_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, header = tmp_path / "map.npz", tmp_path / "table.h"
     arguments = ["map", STANDARD, "--amplitudes", "0.05:0.25:3", "--mass-fractions", "0.1", "--out", str(out)]
     assert main([*arguments, "--header", str(header)]) == 0

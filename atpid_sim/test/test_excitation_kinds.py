@@ -319,8 +319,6 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
     ("name", "content", "parts"),
     [
         ("torn.npz", GOOD[:2000], "NPZ"),
-        ("empty.npz", b"", "NPZ"),
-        ("objects.npz", npz(time=np.array([1, None]), support_displacement=VALUES), "NPZ"),
         ("unequal.npz", npz(time=TIMES, support_displacement=VALUES[:-3]), "2001 1998"),
         ("text.npz", npz(time=TIMES, support_displacement=VALUES.astype(str)), "'support_displacement'"),
         ("other.npz", npz(t=TIMES), "'time' t excitation.series"),
@@ -336,9 +334,7 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
         ("short.csv", HEADER + ROWS[: ROWS.index("1.5,")], "1.499 s 2 s"),
     ],
 )
-def test_what_is_no_series_is_one_line_that_names_the_file(
-    name: str, content: str | bytes, parts: str, tmp_path: Path
-) -> None:
+def test_what_is_no_series_is_one_line_of_its_file(name: str, content: str | bytes, parts: str, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     with refused(SceneError, name, *parts.split()):
@@ -346,9 +342,7 @@ def test_what_is_no_series_is_one_line_that_names_the_file(
 
 
 @pytest.mark.parametrize(("resting", "series"), [(0.0, {}), (0.3, {}), (0.3, {"offset": 0.3}), (-0.02, {})])
-def test_a_run_begins_at_rest_wherever_the_laser_reads(
-    resting: float, series: dict[str, float], tmp_path: Path
-) -> None:
+def test_runs_begin_at_rest_wherever_the_laser_reads(resting: float, series: dict[str, float], tmp_path: Path) -> None:
     file = tmp_path / "laser.npz"
     np.savez(file, time=TIMES + 100.0, support_displacement=VALUES + resting)
     scene = scene_of(file, **series)
@@ -485,9 +479,7 @@ def test_a_shock_is_measured_by_the_largest_deflection() -> None:
     assert simulate(scene.with_(height=0.06), "impact", check=False).motion == "shock"
 
 
-def test_the_command_shows_root_mean_squares_and_writes_the_spectrum(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_shows_squares_and_writes_the_spectrum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, spectrum = tmp_path / "scene.yaml", str(tmp_path / "s.csv")
     file.write_text(shaken(30.0, height=0.06).to_yaml())
     arguments = ["simulate", str(file), "--fidelity", "impact", "--rtol", "1e-4"]

@@ -175,9 +175,7 @@ def test_a_map_is_read_back_as_it_was_written(scene: Scene, tmp_path: Path) -> N
         ({"mass_fraction": 0.05}, "mass fraction 0.05 0.1 0.3"),
     ],
 )
-def test_a_map_for_another_system_is_refused(
-    scene: Scene, shipped: HeightMap, change: dict[str, Any], named: str
-) -> None:
+def test_another_system_s_map_is_refused(scene: Scene, shipped: HeightMap, change: dict[str, Any], named: str) -> None:
     shipped.check(scene.with_(frequency=scene.natural_frequency_hz))  # the resonance as a number is the resonance
     with refused(MapError, *named.split()):
         shipped.check(scene.with_(**change))
@@ -196,9 +194,7 @@ def test_an_amplitude_out_of_the_map_is_refused_and_its_ends_belong_to_it(shippe
     ("name", "change"),
     [*((name, np.fliplr) for name in ("heights", "beam_amplitudes", "efficiencies")), ("efficiencies", np.negative)],
 )
-def test_a_map_in_another_order_is_refused(
-    name: str, change: Callable[[Any], Any], shipped: HeightMap, tmp_path: Path
-) -> None:
+def test_another_order_is_refused(name: str, change: Callable[[Any], Any], shipped: HeightMap, tmp_path: Path) -> None:
     replace(shipped, **{name: change(getattr(shipped, name))}).save(tmp_path / "map.npz")
     with refused(MapError, "map.npz", "heights", "efficiencies"):
         HeightMap.load(tmp_path / "map.npz")
@@ -347,9 +343,7 @@ def test_outside_its_frequencies_it_gives_no_height(wide: HeightMap) -> None:
 
 
 @pytest.mark.parametrize("over_frequencies", [True, False])
-def test_reductions_are_against_the_structure_without_the_damper(
-    wide: HeightMap, one: HeightMap, over_frequencies: bool
-) -> None:
+def test_reductions_are_against_the_bare_structure(wide: HeightMap, one: HeightMap, over_frequencies: bool) -> None:
     heights = wide if over_frequencies else one
     for place, value in np.ndenumerate(heights.reductions):
         fraction, amplitude = heights.mass_fractions[place[-2]], heights.amplitudes[place[-1]]
@@ -368,9 +362,7 @@ def test_a_damaged_axis_is_refused(made: Path, tmp_path: Path, ratios: object) -
         HeightMap.load(tmp_path / "bad.npz")
 
 
-def test_a_killed_map_is_resumed_without_recomputation(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_map_is_resumed_not_recomputed(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, journal = tmp_path / "map.npz", tmp_path / "map.npz.journal"
     amplitudes = [round(0.01 + 0.003 * k, 9) for k in range(11)]
 

@@ -108,9 +108,7 @@ def test_a_stream_of_any_duration_has_no_sample_beyond_the_end(duration: float, 
         ("speed", (math.nan, math.inf, -0.3), "finite"),
     ],
 )
-def test_what_a_plant_cannot_do_is_refused_and_changes_nothing(
-    name: str, values: tuple[float, ...], allowed: str
-) -> None:
+def test_what_cannot_be_done_is_refused_and_changes_nothing(name: str, values: tuple[float, ...], allowed: str) -> None:
     usual: dict[str, Any] = {"duration_ticks": 50, "rate": RATE, "target": 0.2, "speed": 0.3}
     plant, other = standing(ticks=200), standing(ticks=200)
     for value in values:

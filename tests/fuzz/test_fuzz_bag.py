@@ -76,9 +76,7 @@ def outcome(folder: Path) -> int:
 
 
 @pytest.mark.parametrize(("make", "step", "chunks"), [(least, LEAST_STEP, 3), (four_each, STEP, 5)])
-def test_cut_off_anywhere_every_chunk_before_is_there(
-    make: Callable[[Path], Path], step: int, chunks: int, tmp_path: Path
-) -> None:
+def test_chunks_before_a_cut_are_there(make: Callable[[Path], Path], step: int, chunks: int, tmp_path: Path) -> None:
     file = make(tmp_path / "run")
     data = file.read_bytes()
     with file.open("rb") as stream:

@@ -128,9 +128,7 @@ def context() -> Iterator[Context]:
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
-def test_the_motor_node_keeps_them_whatever_is_commanded(
-    context: Context, lockstep: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_motor_node_keeps_them_as_well(context: Context, lockstep: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Messages go into the node's own callback, in place of the middleware's hands; its states are judged."""
     values = {"backend": "simulated", "lowest": 0.017, "highest": 1.0, "speed": 0.3, "initial_height": 0.3}
     given = values | {"lockstep": lockstep, "autostart": False}

@@ -99,9 +99,7 @@ def test_a_chaotic_transient_needs_the_whole_ensemble() -> None:
         ("impact", 301, 44, True),  # near the end of a branch: their error is larger than elsewhere
     ],
 )
-def test_what_is_called_reproducible_is_within_its_stated_error(
-    fidelity: str, seed: int, place: int, reproducible: bool
-) -> None:
+def test_what_is_reproducible_is_within_its_error(fidelity: str, seed: int, place: int, reproducible: bool) -> None:
     scene = thesis_range(place + 1, seed)[place].with_(tolerance=1e-4)
     result = simulate(scene, fidelity)
     assert (result.reproducible, result.spread is None) == (reproducible, reproducible)

@@ -87,9 +87,7 @@ def test_other_errors_keep_their_traceback(error: Exception) -> None:
 
 
 @pytest.mark.parametrize(("module", "install"), [("labjack.ljm", "labjack-ljm"), ("pydantic", "pydantic>=2")])
-def test_a_library_that_is_missing_is_named_with_what_to_install(
-    module: str, install: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_library_names_what_to_install(module: str, install: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert guarded(fails(ImportError("none", name=module))) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("error: ")

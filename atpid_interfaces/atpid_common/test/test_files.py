@@ -45,9 +45,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_text, read_arrays])
-def test_a_pipe_a_device_a_folder_and_nothing_are_refused_at_once(
-    read: Callable[[Path, int], object], tmp_path: Path
-) -> None:
+def test_a_pipe_a_device_a_folder_and_nothing_are_refused(read: Callable[[Path, int], object], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path, reason in (
         (tmp_path / "pipe", "pipe"),

@@ -87,9 +87,7 @@ ANY, LOOPBACK, OUTER, ALL_HOSTS, DISCOVERY = "00000000", "0100007F", "0708090A",
     [({}, [ANY, OUTER], [ALL_HOSTS, DISCOVERY]), ({URI: INTERFACE}, [ANY, LOOPBACK], [ALL_HOSTS])],
     ids=["of itself", "confined"],
 )
-def test_cyclone_dds_sends_on_the_loopback_only(
-    settings: dict[str, str], sockets: list[str], groups: list[str]
-) -> None:
+def test_cyclone_sends_on_the_loopback_only(settings: dict[str, str], sockets: list[str], groups: list[str]) -> None:
     """By its own library, where it is installed, in a network with a second interface.
 
     It always receives on all addresses: its settings have nothing for that (docs/security.md).

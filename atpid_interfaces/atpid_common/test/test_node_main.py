@@ -11,6 +11,7 @@ import time
 from contextlib import closing
 
 import pytest
+from rclpy.node import Node
 from spun import Spun
 
 from atpid_common.nodes import single_instance
@@ -101,9 +102,7 @@ def node(*words: str, **environment: str) -> tuple[int, str, str]:
         (("-p", "use_sim_time:=true"), {}, r"use_sim_time of own: .*True.*/clock"),
     ],
 )
-def test_what_cannot_be_is_refused_at_the_start(
-    words: tuple[str, ...], environment: dict[str, str], parts: str
-) -> None:
+def test_what_cannot_be_is_refused_at_start(words: tuple[str, ...], environment: dict[str, str], parts: str) -> None:
     status, printed, errors = node(*words, **environment)
     assert (status, printed, errors.count("\n")) == (2, "", 1)
     assert re.match(f"error: .*{parts}", errors), errors
@@ -164,13 +163,13 @@ def test_a_second_node_of_a_name_counts_once_it_stays_and_none_is_starting(monke
     with closing(Spun("own")) as spun:
         assert not single_instance.started_twice(spun.node)
         with single_instance.starting():  # it may take long until it is refused
-            second = spun.add("own")
+            second = spun.add(Node("own", context=spun.context))
             spun.until(lambda: not single_instance.is_alone(spun.node))
             begun = time.monotonic()
             while time.monotonic() < begun + 5.0 * transient:
                 assert not single_instance.started_twice(spun.node)
         spun.until(lambda: single_instance.started_twice(spun.node))
-        spun.nodes.remove(second)
+        spun.added.remove(second)
         spun.executor.remove_node(second)
         second.destroy_node()
         spun.until(lambda: single_instance.is_alone(spun.node))

@@ -106,9 +106,7 @@ def test_a_live_parameter_is_applied_and_recorded_with_old_and_new_value(tested:
         ({"scene": "other.yaml"}, "read-only"),
     ],
 )
-def test_a_bad_value_is_refused_with_its_reason_and_changes_nothing(
-    tested: Applied, values: dict[str, Any], reason: str
-) -> None:
+def test_a_bad_value_is_refused_and_changes_nothing(tested: Applied, values: dict[str, Any], reason: str) -> None:
     result = tested.set(**values)
     assert not result.successful
     assert reason in result.reason

@@ -18,7 +18,7 @@ from unittest.mock import patch
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spun import Pair
+from spun import Spun
 
 from atpid_common.cli import run_commands
 from atpid_common.latency import ANOTHER_CLOCK, COUNT, Latencies, percentile
@@ -169,7 +169,7 @@ Ask = Callable[..., tuple[int, str, str]]
 def parameters() -> Iterator[LiveParameters]:
     """Those of a node that a thread spins."""
     ended = threading.Event()
-    with closing(Pair()) as pair:
+    with closing(Spun("tested")) as pair:
         made = LiveParameters(pair.node, TABLE)
         made.follow(lambda value: value("dead_band"), lambda _: None, lambda *_: None)
         thread = threading.Thread(target=pair.until, args=(ended.is_set,), name="session-node")

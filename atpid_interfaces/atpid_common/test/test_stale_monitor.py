@@ -9,7 +9,7 @@ import pytest
 from atpid_interfaces.msg import Event
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from spun import Pair
+from spun import Spun
 from std_msgs.msg import Empty
 
 from atpid_common.nodes.events import EventPublisher
@@ -19,11 +19,11 @@ from atpid_common.nodes.supervision import NodeMonitors
 TIMEOUT = 0.2
 
 
-class Stand(Pair):
+class Stand(Spun):
     """A supervised node that subscribes to `estimates`, and a peer that publishes them and receives what it reports."""
 
     def __init__(self, *, enabled: bool = True) -> None:
-        super().__init__()
+        super().__init__("tested", "peer")
         self.silences, self.received, self.ticks = 0, 0, 0
         self.events: list[Event] = []
         self.statuses: list[DiagnosticStatus] = []

@@ -19,7 +19,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
-from spun import Pair
+from spun import Spun
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
@@ -30,11 +30,11 @@ MANY = 20
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
-class Numbers(Pair):
+class Numbers(Spun):
     """Its peer publishes numbers; its node receives them, by `act` where that is given."""
 
     def __init__(self, gather: float = 0.0) -> None:
-        super().__init__(gather)
+        super().__init__("tested", "peer", gather=gather)
         self.publisher = self.peer.create_publisher(Int32, "numbers", MANY)
         self.received: list[int] = []
 
@@ -63,9 +63,7 @@ def pair() -> Iterator[Numbers]:
         yield made
 
 
-def test_messages_are_received_once_and_in_order_from_a_set_that_is_not_made_for_each(
-    pair: Numbers, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_messages_come_once_and_in_order_from_a_set_made_once(pair: Numbers, monkeypatch: pytest.MonkeyPatch) -> None:
     pair.subscribe()
     made: list[object] = []
     original = rclpy_implementation.WaitSet

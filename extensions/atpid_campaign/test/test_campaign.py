@@ -28,9 +28,7 @@ from atpid_campaign.campaign.plan import Campaign, Point, Rules, points_of, read
 from atpid_campaign.campaign.result import Judge, is_random
 from atpid_campaign.campaign.run import Done, run_campaign
 from atpid_campaign.campaign.stands import SimulatedStand, Stand
-from atpid_common.testing import (
-    PATIENCE,
-)
+from atpid_common.testing import PATIENCE
 from atpid_common.vocabulary import Quality, Severity
 from atpid_control.analysis.signals import Signals
 from atpid_control.cli import main

@@ -5,7 +5,6 @@
 import argparse
 import json
 import math
-import os
 import re
 import shutil
 import sys
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import yaml
+from motor_rigs import need_emulator
 
 from atpid_campaign import first_run
 from atpid_campaign.first_run import Expected, Step, rows_of, steps_of
@@ -26,7 +26,6 @@ from atpid_control.commands import bench, stand
 from atpid_control.runs.read import open_bag
 from atpid_control.runs.run import Run, open_run
 from atpid_control.stand.parameters import BenchError
-from atpid_driver.emulator import PACKAGES, missing_tools
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -101,9 +100,7 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
     The beam is 81 times as stiff: its decay has a time constant of 0.14 s, in a recording of 3.6 s.
     """
-    if missing := missing_tools():
-        text = f"left out: the emulated board; missing {', '.join(missing)}: apt-get install {PACKAGES}"
-        pytest.fail(text) if os.environ.get("CI") == "true" else pytest.skip(text)
+    need_emulator()
     scene = beam(load_scene(SCENE), 9.0).with_(amplitude=0.001)
     with pytest.MonkeyPatch.context() as change:
         change.setattr(first_run, "steps_of", at_once)

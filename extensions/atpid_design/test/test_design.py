@@ -498,9 +498,7 @@ def test_bad_input_is_one_line(option: str, tmp_path: Path, capsys: pytest.Captu
     assert not (tmp_path / "out").exists()
 
 
-def test_a_grain_too_soft_for_every_amplitude_is_a_numerical_failure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_grain_too_soft_for_all_amplitudes_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     soft = ["--young-modulus", "1e3", "--max-mass-fraction", "0.02", "--out", tmp_path]
     assert "--young-modulus" in refusal(capsys, "design", *OPTIONS, *soft, status=3)
     assert list(tmp_path.iterdir()) == []

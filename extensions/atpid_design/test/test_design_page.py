@@ -104,9 +104,7 @@ def test_the_bench_keeps_the_promise_at_every_stage(folder: Path, made: Any, tmp
     assert not {"drift", "refused", "step_back"} & set(summary["events"])
 
 
-def test_pages_are_accessible_and_whole_on_every_screen_and_a_name_on_a_curve_is_found(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_pages_are_accessible_and_whole_on_each_screen_and_curve_names_are_found(folder: Path, tmp_path: Path) -> None:
     page = report(BAG, tmp_path / "report")
     for arguments in (["analyse", BAG], ["compare", BAG, ROOT / "bags/rumble"], ["validate", BAG]):
         assert main(["bag", *map(str, arguments), "--out", str(tmp_path / str(arguments[0]))]) == 0

@@ -314,7 +314,7 @@ def test_where_its_process_is_killed_or_hangs_the_node_switches_off(real: Rig, m
     if not real.level:  # which takes no samples
         a_process_that_hangs_while_it_is_sent_to_is_noticed(real, monkeypatch)
         real.run()
-    a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back(real, monkeypatch)
+    a_device_that_is_away_is_switched_off_once_it_is_back(real, monkeypatch)
 
 
 def a_process_that_hangs_while_it_is_sent_to_is_noticed(real: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,9 +331,7 @@ def a_process_that_hangs_while_it_is_sent_to_is_noticed(real: Rig, monkeypatch: 
     monkeypatch.setattr(guarded, "_ANSWER", PATIENT)
 
 
-def a_device_that_is_away_for_a_moment_is_switched_off_once_it_is_back(
-    real: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def a_device_that_is_away_is_switched_off_once_it_is_back(real: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "_RESCUE", 20.0)  # this machine may have other work
     control = Control(real.folder / "control")
     control.unplug()
@@ -467,9 +465,7 @@ def test_another_t7_than_the_one_asked_for_is_left_as_it_is(backend: str, tmp_pa
 
 
 @pytest.mark.parametrize("backend", T7)
-def test_flash_is_written_only_where_it_differs_and_follows_the_rest(
-    backend: str, tmp_path: Path, device: None
-) -> None:
+def test_flash_is_written_where_it_differs_and_follows_the_rest(backend: str, tmp_path: Path, device: None) -> None:
     rig = Rig(backend, tmp_path)
     file = tmp_path / "output.yaml"
     for rest in (rig.rest, 0.0 if rig.level else 2.437):

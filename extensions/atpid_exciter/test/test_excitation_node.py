@@ -6,27 +6,22 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from atpid_interfaces.msg import Event, Excitation, ExcitationCommand, ExcitationState, SupervisorState
 from excitation_rigs import calibrate_shaker, output_process, stand_in
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
+from spun import Apart
 
 from atpid_common.errors import InputError
-from atpid_common.nodes.turns import TurnExecutor
-from atpid_common.testing import own_domain, repeated_after_a_halt, spin_until
+from atpid_common.testing import repeated_after_a_halt
 from atpid_driver.nodes.authority import DISCOVERY_TIME
 from atpid_driver.standins import build
 from atpid_driver.standins.device import Outputs
@@ -46,14 +41,10 @@ SIMULATED: dict[str, Any] = {
 PERIOD, LOOKS = 0.02, 20
 
 
-class Graph:
+class Graph(Apart):
     def __init__(self) -> None:
-        self._domain = ExitStack()
-        self._domain.enter_context(own_domain())
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = TurnExecutor(context=self.context)
-        self.operator = self.add(Node("operator", context=self.context))
+        super().__init__("operator")
+        self.operator = self.peer
         self.states: list[ExcitationState] = []
         self.events: list[Event] = []
         self.operator.create_subscription(ExcitationState, "excitation/state", self.states.append, 100)
@@ -62,29 +53,25 @@ class Graph:
         self.supervisor = self.operator.create_publisher(SupervisorState, "supervisor/state", 10)
         self.estimates = self.operator.create_publisher(Excitation, "excitation", 10)
         self.permits: SupervisorState | None = None
-        self.services: dict[str, Any] = {}
         self.usual = dict(SIMULATED)  # parameters of the node
-
-    def add(self, node: Any) -> Any:
-        self.executor.add_node(node)
-        return node
 
     def start(self, **parameters: Any) -> None:
         self.began = time.monotonic()
-        values = [Parameter(name, value=value) for name, value in (self.usual | parameters).items()]
-        self.add(ExcitationNode(parameter_overrides=values, context=self.context))
+        self.make(ExcitationNode, self.usual | parameters)
         self.until(lambda: self.commands.get_subscription_count() and self.states)
         self.until(lambda: self.state.mode != ExcitationState.UNCONFIGURED)
 
     @property
     def lifecycle(self) -> str:
-        return str(self.call(GetState, "get_state", GetState.Request()).current_state.label)
+        return str(self.call("excitation_node/get_state", GetState).current_state.label)
 
     @property
     def state(self) -> ExcitationState:
         return self.states[-1]
 
-    def until(self, condition: Callable[[], object], command: ExcitationCommand | None = None) -> None:
+    def until(  # type: ignore[override]
+        self, happened: Callable[[], object], command: ExcitationCommand | None = None
+    ) -> None:
         due = 0.0
 
         def command_and_permit() -> None:
@@ -99,7 +86,7 @@ class Graph:
                 self.permits.header.stamp = self.operator.get_clock().now().to_msg()
                 self.supervisor.publish(self.permits)
 
-        spin_until(self.executor, condition, command_and_permit)
+        super().until(happened, command_and_permit)
 
     def pause(self, seconds: float, command: ExcitationCommand | None = None) -> None:
         end = time.monotonic() + seconds
@@ -139,23 +126,15 @@ class Graph:
         self.stays_off(command)
 
     def ask(self, name: str) -> Any:
-        return self.call(Trigger, name, Trigger.Request())
+        return self.call(f"excitation_node/{name}")
 
     def arm(self) -> None:
         """Arm it as a person does; a busy machine may withdraw the permission meanwhile."""
         self.until(lambda: self.ask("rearm").success)
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        if name not in self.services:
-            self.services[name] = self.operator.create_client(kind, f"excitation_node/{name}")
-        self.until(self.services[name].service_is_ready)
-        future = self.services[name].call_async(request)
-        self.until(future.done)
-        return future.result()
-
     def change(self, transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(self.call(ChangeState, "change_state", request).success)
+        asked = self.call("excitation_node/change_state", ChangeState, transition=Transition(id=transition))
+        return bool(asked.success)
 
     def reported(self, kind: str, *parts: str) -> int:
         """Return how many events of a kind have all of these in their text."""
@@ -169,13 +148,6 @@ class Graph:
     def restart_commander(self) -> None:
         self.commands = self.operator.create_publisher(ExcitationCommand, "excitation/command", 10)
         self.until(self.commands.get_subscription_count)
-
-    def close(self) -> None:
-        for node in self.executor.get_nodes():
-            node.destroy_node()
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
-        self._domain.close()
 
 
 @pytest.fixture
@@ -538,9 +510,7 @@ def outputs(graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ou
     return stand_in(tmp_path, monkeypatch)
 
 
-def test_a_lost_output_is_a_latched_fault_and_arming_opens_it_anew(
-    graph: Graph, outputs: Outputs, tmp_path: Path
-) -> None:
+def test_a_lost_output_is_latched_and_arming_opens_it_anew(graph: Graph, outputs: Outputs, tmp_path: Path) -> None:
     graph.start()
     sequence = graph.shakes(0)
     for how in (signal.SIGKILL, signal.SIGSTOP):

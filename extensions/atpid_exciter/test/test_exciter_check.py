@@ -35,9 +35,7 @@ def subject(folder: Path, config: str = "", **changed: Any) -> Subject:
     return Subject(argparse.Namespace(**vars(options), port=None, scene=None), folder)
 
 
-def test_it_is_opened_and_closed_with_its_output_off_unless_it_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_is_opened_and_closed_while_off_unless_it_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     outputs = stand_in(tmp_path, monkeypatch)
     calibrate(tmp_path, "drive_frequency", "Hz", [0.0, 2.0])
     at = subject(tmp_path)

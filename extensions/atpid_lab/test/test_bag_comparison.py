@@ -79,9 +79,7 @@ def test_no_common_time_and_no_such_event(tmp_path: Path, capsys: Capture) -> No
     refused(capsys, ["bag", "compare", first, tmp_path, "--out", tmp_path / "out"], str(tmp_path))
 
 
-def test_what_an_irregular_stage_scatters_by_stands_beside_its_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_scatter_of_an_irregular_stage_stands_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = written(tmp_path / "a")
     stage = Stage(0.0, 4.0, 0.01, 0.01, 5.47, 0.3, 0.05, 0.2, 0.75, 0.1, 0.5, amplitude_spread=(0.04, 0.06))
     regular = replace(stage, amplitude=0.08, amplitude_spread=None)

@@ -372,9 +372,7 @@ def test_several_rates_and_files_are_several_streams(tmp_path: Path) -> None:
         ("b", ["given b;", ": a"]),
     ],
 )
-def test_a_time_or_channel_that_cannot_be_is_refused(
-    columns: Any, parts: list[str], tmp_path: Path, capsys: Any
-) -> None:
+def test_impossible_times_and_channels_are_refused(columns: Any, parts: list[str], tmp_path: Path, capsys: Any) -> None:
     stated = ["--channels", f"beam={columns}"] if isinstance(columns, str) else []
     path = table(tmp_path / "a.csv", {"time": np.arange(9) / 8.0, "a": range(9)} if stated else columns)
     refused(capsys, ["bag", "import", path, "--out", tmp_path / "bag", *stated], *parts)

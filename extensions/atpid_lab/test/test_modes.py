@@ -207,9 +207,7 @@ def of_file(path: Path, words: str, capsys: Capture) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("changes", [{}, {"scale": 40.0}, {"turn": np.exp(0.7j)}, {"turn": np.exp(-2j), "scale": 0.1}])
-def test_a_universal_file_gives_the_modes_it_was_written_from(
-    changes: dict[str, Any], tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_universal_file_gives_the_modes_written(changes: dict[str, Any], tmp_path: Path, capsys: Capture) -> None:
     numbers = of_file(written(tmp_path / "m.unv", **changes), "--container 20:z --modes 3", capsys)
     modes = cantilever.modes_of(THESIS, 6).modes
     for found, mode, ratio in zip(numbers["modes"], modes, (0.01, 0.02, 0.03), strict=False):

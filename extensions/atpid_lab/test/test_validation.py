@@ -134,9 +134,7 @@ def test_a_part_of_a_free_decay_and_the_longest_without_a_gap(tmp_path: Path, ca
         (["SUPPORT.csv", "--scene", STANDARD], ["support_displacement"]),
     ],
 )
-def test_what_cannot_be_compared_is_one_line(
-    arguments: list[str], parts: list[str], tmp_path: Path, capsys: Capture
-) -> None:
+def test_the_incomparable_is_one_line(arguments: list[str], parts: list[str], tmp_path: Path, capsys: Capture) -> None:
     time = np.arange(4000) / RATE
     data = np.column_stack([time, 0.01 * np.sin(34.0 * time), 0.1 * np.cos(34.0 * time)])
     table(tmp_path / "HEIGHT.csv", data)
