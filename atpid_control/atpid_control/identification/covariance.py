@@ -168,8 +168,15 @@ def report(out: Array, columns: Array, y: Array, tone: Array, scale: float, cent
     out[PHASE] = np.arctan2(a, b) - omega * centre
     # phase = atan2(a, b) + omega (end - centre): gradient with respect to a, b and the scaled rate
     g0, g1, g3 = b / amplitude**2, -a / amplitude**2, -centre / (amplitude * scale)
-    out[_P_STD] = np.sqrt(variance * (g0 * g0 * c[0, 0] + g1 * g1 * c[1, 1] + g3 * g3 * c[3, 3]
-                                      + 2.0 * (g0 * g1 * c[0, 1] + g0 * g3 * c[0, 3] + g1 * g3 * c[1, 3])))  # fmt: skip
+    out[_P_STD] = np.sqrt(
+        variance
+        * (
+            g0 * g0 * c[0, 0]
+            + g1 * g1 * c[1, 1]
+            + g3 * g3 * c[3, 3]
+            + 2.0 * (g0 * g1 * c[0, 1] + g0 * g3 * c[0, 3] + g1 * g3 * c[1, 3])
+        )
+    )
     out[WIDENED], out[FOREIGN], periods = 1.0, np.inf, omega * scale / np.pi
     if out[CHANGE] == 0.0 and variance > (FLOOR * amplitude) ** 2:
         gradients = np.zeros((3, chosen.size))

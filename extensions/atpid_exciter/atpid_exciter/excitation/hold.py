@@ -86,9 +86,15 @@ class Hold:
         return self.error > _WAIT * self._tolerance
 
     def turn(  # an estimate, and what it is worth
-        self, wanted: tuple[float, float], measured: tuple[float, float], seconds: float, delay: float, *,
-        steady: bool = True, limited: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        wanted: tuple[float, float],
+        measured: tuple[float, float],
+        seconds: float,
+        delay: float,
+        *,
+        steady: bool = True,
+        limited: bool = False,
+    ) -> None:
         """Act on an estimate `seconds` after the last one, where the output has been at the command.
 
         wanted, measured: amplitude [m] or [N], frequency [Hz]; delay: from a change of the output to the estimate that

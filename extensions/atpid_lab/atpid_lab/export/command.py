@@ -41,9 +41,15 @@ class _Exported:
 
 
 def export(
-    bag: Path, form: str, out: Path, topics: Sequence[str] = (), begin: float = -math.inf, end: float = math.inf,
-    *, replace: bool = False,
-) -> _Exported:  # fmt: skip
+    bag: Path,
+    form: str,
+    out: Path,
+    topics: Sequence[str] = (),
+    begin: float = -math.inf,
+    end: float = math.inf,
+    *,
+    replace: bool = False,
+) -> _Exported:
     """Write the tables of a bag, from `begin` to `end` [s], to `out`; one table a file: the others beside it.
 
     Nothing is written where the export fails. Raises BagError, OutputError.
