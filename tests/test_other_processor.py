@@ -32,7 +32,7 @@ FILES = (
     "atpid_control/test/test_watch.py", "tests/of_studies/test_steady.py", "tests/test_seeds.py",
     "extensions/atpid_dynamics/test/test_sweep.py",
     "tests/test_replay.py::test_the_bags_that_come_with_the_project",
-    "tests/of_studies/test_reproducibility.py::test_what_is_called_reproducible_is_within_its_stated_error",
+    "tests/of_studies/test_reproducibility.py::test_what_is_reproducible_is_within_its_error",
 )  # fmt: skip
 
 
