@@ -14,7 +14,8 @@ from atpid_common.errors import DONE
 from atpid_common.nodes import node_main
 from atpid_common.parameters import Entry
 from atpid_control.nodes import live_node, recorder_parameters, replay_node
-from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
+from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
+from atpid_control.supervision.limits import SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_parameters import common_rows, own_rows

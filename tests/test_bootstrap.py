@@ -131,6 +131,13 @@ def test_no_program_compiles_what_set_up_installed() -> None:
     assert not uncompiled
 
 
+def test_a_node_that_simulates_nothing_loads_neither_numba_nor_scipy() -> None:
+    """They take longer to load than the rest of such a node."""
+    nodes = ", ".join(f"atpid_control.nodes.{name}_node" for name in ("live", "recorder", "supervisor"))
+    code = f"import {nodes}, sys; print({{'numba', 'scipy'}} & sys.modules.keys())"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
 def test_kernels_that_fail_beside_the_build_are_compiled_alone(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

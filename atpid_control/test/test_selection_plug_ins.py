@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from atpid_common.entry_points import SELECTORS
 from atpid_common.testing import install as install_distribution
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
 from atpid_control.selection import Excitation, SelectionError, make_selector
 from atpid_control.selection.registry import METHODS, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
-from atpid_sim.scene.ceiling import SELECTORS
 
 FILE = Path(__file__).parents[2] / "scenes" / "thesis_4_3.yaml"
 SCENE = load_scene(FILE)

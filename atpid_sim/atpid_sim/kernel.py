@@ -24,11 +24,9 @@ from numba import config, njit, types
 from numba.core.caching import InTreeCacheLocator
 from numba.extending import overload
 
-from atpid_common.entry_points import sources
+from atpid_common.entry_points import CONTACT_LAWS, sources
 from atpid_common.folders import cache_root, content_key
 
-#: Group of the entry points that add a contact law: its name, and the module it is in.
-LAWS = "atpid.contact_laws"
 #: Folder of the cache for each source file.
 _FOLDERS: dict[str, str] = {}
 _NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
@@ -76,7 +74,7 @@ KERNEL_SOURCES = frozenset(
     [
         *(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")),
         *(_HERE / name for name in _SHARED),
-        *sources(LAWS),
+        *sources(CONTACT_LAWS),
     ]
 )
 share_cache("kernels", KERNEL_SOURCES)

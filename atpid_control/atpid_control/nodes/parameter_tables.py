@@ -1,6 +1,6 @@
 # Copyright 2026 ATPID maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of identifier, selector and supervisor.
+"""The parameters of identifier and selector; those of the supervisor are in `supervision`, which loads sooner.
 
 `python -m studies parameters` makes docs/parameters.md and `config/*.yaml` from these tables.
 """
@@ -17,7 +17,6 @@ from atpid_control.loop.hold import HoldSettings, StepBack
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.signal_watch import SignalSettings
 from atpid_control.selection.registry import METHODS, plug_ins
-from atpid_control.supervision.limits import QUANTITIES
 
 _live = partial(Entry, live=True)
 
@@ -57,27 +56,6 @@ SELECTOR = (
         0.1,
         60.0,
     ),
-)
-
-_NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
-_NEEDED = ["identifier_node", "selector_node", "recorder_node"]
-SUPERVISOR = (
-    Entry("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
-    Entry("needed", _NEEDED, "those without whose answers the ceiling is held and the motor gets no heartbeat"),
-    Entry("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
-    Entry("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
-    Entry("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
-    Entry("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
-    Entry(
-        "restart_time", 0.0, "time for one that has ended to come back; 0: it is not started again", "s", 0.0, 3600.0
-    ),
-    *(
-        Entry(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
-        for name, unit in QUANTITIES.items()
-        for level in ("warning", "abort")
-    ),
-    Entry("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
-    Entry("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
 )
 
 

@@ -28,10 +28,9 @@ from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import RunState
-from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.supervisor_checks import LoopChecker, QuantityWatch
 from atpid_control.nodes.supervisor_requests import EXCITER, MOTOR, DeviceRequests, MotorRequests, NodeQuestions
-from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, Passed, PassedLevel
+from atpid_control.supervision.limits import QUANTITIES, SUPERVISOR, AbortLevels, Levels, Passed, PassedLevel
 from atpid_control.supervision.states import Change, NodeLiveness, Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.

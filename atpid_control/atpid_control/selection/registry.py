@@ -9,11 +9,10 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
-from atpid_common.entry_points import installed, loaded
+from atpid_common.entry_points import SELECTORS, installed, loaded
 from atpid_common.errors import AtpidError, one_line
 from atpid_control.selection.protocol import HeightSelector, Options, SelectionError
 from atpid_sim.scene import Scene
-from atpid_sim.scene.ceiling import SELECTORS
 
 #: Makes a selector for a scene, with the height map given (None: none) and the options of the method.
 _Factory = Callable[[Scene, Path | None, Options], HeightSelector]

@@ -143,9 +143,10 @@ class Subject:
 def _problem(node: str, name: str, value: object) -> str:
     """Return what the node would refuse, in words: a name it does not have, a value outside its range; else ""."""
     from atpid_common.nodes.node_main import PARAMETERS
-    from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
+    from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
     from atpid_control.nodes.recorder_parameters import OF_RCLPY
     from atpid_control.stand.parts import EXCITER, table_of
+    from atpid_control.supervision.limits import SUPERVISOR
     from atpid_driver.nodes import motor_interface
 
     own = {

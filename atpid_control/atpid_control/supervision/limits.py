@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warning and abort level of each quantity. A warning is given once, until the quantity has been lower for a while.
 
-An abort is latched: whatever the quantity does then, it stays until a person has re-armed.
+An abort is latched: whatever the quantity does then, it stays until a person has re-armed. At the end the supervisor's
+parameters, these levels among them.
 """
 
 import math
@@ -14,6 +15,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.parameters import Entry
 from atpid_control.supervision.states import SupervisionError
 
 #: What may be limited, and its unit. Those with the name of a channel are read from the sensors' blocks.
@@ -163,3 +165,25 @@ class OnTime:
             return 0.0
         self._since = now if self._since is None else self._since
         return now - self._since
+
+
+_NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
+_NEEDED = ["identifier_node", "selector_node", "recorder_node"]
+SUPERVISOR = (
+    Entry("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
+    Entry("needed", _NEEDED, "those without whose answers the ceiling is held and the motor gets no heartbeat"),
+    Entry("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
+    Entry("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
+    Entry("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
+    Entry("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
+    Entry(
+        "restart_time", 0.0, "time for one that has ended to come back; 0: it is not started again", "s", 0.0, 3600.0
+    ),
+    *(
+        Entry(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
+        for name, unit in QUANTITIES.items()
+        for level in ("warning", "abort")
+    ),
+    Entry("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
+    Entry("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
+)

@@ -10,6 +10,10 @@ from typing import Any
 
 from atpid_common.errors import AtpidError, one_line
 
+#: Groups that two modules ask for; here, since a scene is read without loading what compiles or simulates.
+SELECTORS = "atpid.selectors"  # methods of selection
+CONTACT_LAWS = "atpid.contact_laws"  # the name of a law, and the module it is in
+
 
 def installed(group: str, taken: Collection[str] = (), error: type[AtpidError] = AtpidError) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name, sorted; nothing is imported.

@@ -12,8 +12,7 @@ Scenes, integrator and maps take the law from there; `atpid_sim.contact_contract
 from importlib import import_module
 from types import ModuleType
 
-from atpid_common.entry_points import installed, loaded
-from atpid_sim import kernel
+from atpid_common.entry_points import CONTACT_LAWS, installed, loaded
 
 _BUILT_IN = (
     "impact",
@@ -27,7 +26,7 @@ _BUILT_IN = (
 
 
 _NEEDED = ("Spec", "force", "detachment_velocity", "energy", "restitution")
-_INSTALLED = installed(kernel.LAWS, _BUILT_IN)
+_INSTALLED = installed(CONTACT_LAWS, _BUILT_IN)
 NAMES = (*_BUILT_IN, *_INSTALLED)
 LAWS: tuple[ModuleType, ...] = (
     *(import_module(f"atpid_sim.contact.{name}") for name in _BUILT_IN),

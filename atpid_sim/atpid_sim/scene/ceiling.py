@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar
 from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import PydanticKnownError
 
+from atpid_common.entry_points import SELECTORS
 from atpid_sim.fields import (
     HeightPoints,
     HeightRange,
@@ -87,8 +88,6 @@ class ProfileCeiling(_PrescribedCeiling):
 
 #: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
 CONTROLLERS = ("lookup", "pca", "direct", "search")
-#: Entry-point group of further methods, installed by other distributions (docs/extend.md).
-SELECTORS = "atpid.selectors"
 
 
 def _installed(name: object) -> object:
