@@ -10,6 +10,7 @@ import ast
 import importlib
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -27,13 +28,11 @@ def imported_by(package: Path) -> set[str]:
 
 
 def main() -> None:
-    """Import it; what is not installed (an optional package) is left out."""
+    """Import it; what is not installed, or fails while it is imported, does not end the set-up."""
     warnings.simplefilter("ignore")
     for name in sorted(set().union(*(imported_by(Path(folder)) for folder in sys.argv[1:]))):
-        try:
+        with suppress(Exception):
             importlib.import_module(name)
-        except ImportError:
-            continue
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import entry_points
 from typing import TypeVar, cast
 
+from atpid_common.entry_points import loaded
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim import maps, periodic
 from atpid_sim.outcome import NumericalFailure
@@ -77,4 +78,4 @@ def compile_kernels() -> None:
     steady_state(scene)
     best_height(scene)
     for added in entry_points(group=KERNELS):
-        added.load()(scene)
+        loaded(added)(scene)

@@ -200,15 +200,12 @@ def with_installed(commands: Commands) -> Commands:
     """
     from importlib import metadata  # here: it loads slowly, and a command of the core needs none of it
 
+    from atpid_common.entry_points import loaded
+
     merged = {heading: dict(group) for heading, group in commands.items()}
     names = {name for group in commands.values() for name in group}
     for entry in sorted(metadata.entry_points(group=GROUP), key=lambda entry: entry.name):
-        try:
-            added: Commands = entry.load()
-        except ImportError as error:
-            raise AtpidError(
-                f"the commands of {entry.name} cannot be loaded: {one_line(str(error))}; install it again"
-            ) from error
+        added: Commands = loaded(entry)
         for heading, group in added.items():
             new = {name: command for name, command in group.items() if name not in names}
             merged.setdefault(heading, {}).update(new)

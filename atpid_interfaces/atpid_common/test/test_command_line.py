@@ -103,6 +103,7 @@ def test_an_installed_package_adds_commands_and_replaces_none(tmp_path: Path, mo
     assert found["Read"] == {"look": ("own.look", "look at it"), "count": ("others.count", "count it")}
     assert "Draw" not in found
     assert is_among(found, ["count", "--all"])
-    install(tmp_path, monkeypatch, f"[{GROUP}]\nothers = missing:COMMANDS\n")
-    with pytest.raises(AtpidError, match="the commands of others"):
-        with_installed(own)
+    for module in ("missing", "broken"):
+        install(tmp_path, monkeypatch, f"[{GROUP}]\nothers = {module}:COMMANDS\n", broken="raise ValueError")
+        with pytest.raises(AtpidError, match=rf"others \({module}:COMMANDS .*: cannot be loaded: .*Error"):
+            with_installed(own)
