@@ -98,7 +98,7 @@ class _Check(Pass):
                 self.limits.narrow(*(_number(given.get(name)) for name in ("lowest", "highest", "speed")))
 
     def take(self, record: McapRecord, place: int) -> bool:
-        """Take a record; of those that are no messages what they tell of the run."""
+        """Take a record; of those that are no messages what they state of the run."""
         if isinstance(record, Header):
             self.foreign |= record.library != LIBRARY
         elif isinstance(record, Attachment):

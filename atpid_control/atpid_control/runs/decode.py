@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 
 from atpid_control.runs.errors import BagError, TypeUnknownError
 
-#: A decoded message: fields by name, number sequences as arrays. Which it has, the bag's definitions tell.
+#: A decoded message: fields by name, number sequences as arrays. The bag's definitions state which it has.
 Decoded: TypeAlias = Any
 #: A field's type, as rosbags describes it: of which kind, and what. The fields of a message type by name.
 Described: TypeAlias = tuple[Nodetype, Any]

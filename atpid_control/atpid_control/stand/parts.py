@@ -98,12 +98,12 @@ class AddedPart:
 @cache
 def added_part(name: str) -> AddedPart:
     """Return the node of this name. Raises BenchError: no installed package has it, several do, or it does not load."""
-    found = installed(GROUP, error=BenchError)
-    if name not in found:
+    points = installed(GROUP, error=BenchError)
+    if name not in points:
         raise BenchError(_missing(name))
-    part = loaded(found[name], error=BenchError)
+    part = loaded(points[name], error=BenchError)
     if not isinstance(part, AddedPart):
-        raise BenchError(f"{name} of {found[name].value} is a {type(part).__name__}: it must be an AddedPart")
+        raise BenchError(f"{name} of {points[name].value} is a {type(part).__name__}: it must be an AddedPart")
     return part
 
 

@@ -60,18 +60,18 @@ def backend(name: str) -> Backend:
         return BUILT_IN[name]
     if name not in added:
         raise SetupRefusedError(f"backend {name!r} is not known: choose one of {', '.join(names())}")
-    found = loaded(added[name], error=SetupRefusedError)
-    if not isinstance(found, Backend):
+    plug_in = loaded(added[name], error=SetupRefusedError)
+    if not isinstance(plug_in, Backend):
         raise SetupRefusedError(
-            f"backend {name!r} of {added[name].value} is a {type(found).__name__}: it must be an "
+            f"backend {name!r} of {added[name].value} is a {type(plug_in).__name__}: it must be an "
             f"{Backend.__module__}.{Backend.__name__}"
         )
-    if "__dataclass_fields__" not in vars(found.settings):
+    if "__dataclass_fields__" not in vars(plug_in.settings):
         raise SetupRefusedError(
-            f"backend {name!r} of {added[name].value}: {found.settings.__name__} is no dataclass: put "
+            f"backend {name!r} of {added[name].value}: {plug_in.settings.__name__} is no dataclass: put "
             "@dataclass(frozen=True, kw_only=True) before it"
         )
-    return found
+    return plug_in
 
 
 def create(name: str, values: dict[str, object]) -> Acquisition:

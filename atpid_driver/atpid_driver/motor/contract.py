@@ -72,7 +72,7 @@ class CeilingContract:
         return self.until(ceiling, lambda reading: reading.height < begun)
 
     def stands(self, ceiling: CeilingActuator) -> float:
-        """Return the height at which it stands still; fail where it moves, looked at without a heartbeat."""
+        """Return the height at which it is at rest; fail where it moves, observed without a heartbeat."""
         first, later = (ceiling.observe(self.after(0.1)).height for _ in range(2))
         assert isnan(first) or first == pytest.approx(later, abs=self.resolution)
         return later

@@ -82,9 +82,9 @@ class MotorNode(SupervisedNode):
         super()._on_event(event)
 
     def _configure(self) -> None:
-        found = self._actuator.connect(self._now())
+        identity = self._actuator.connect(self._now())
         self._connected = True
-        self.get_logger().info(f"connected to {found}; motor off")
+        self.get_logger().info(f"connected to {identity}; motor off")
 
     def _activate(self) -> None:
         self._check_permitted()

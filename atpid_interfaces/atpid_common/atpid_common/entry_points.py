@@ -21,13 +21,13 @@ def installed(group: str, taken: Collection[str] = (), error: type[AtpidError] =
 
     Raises `error` for a name that is `taken` by what is built in, or that another package has.
     """
-    found: dict[str, EntryPoint] = {}
+    points: dict[str, EntryPoint] = {}
     for point in _laws_at_start() if group == CONTACT_LAWS else _points(group):
-        if point.name in found or point.name in taken:
-            other = found[point.name].value if point.name in found else "what is built in"
+        if point.name in points or point.name in taken:
+            other = points[point.name].value if point.name in points else "what is built in"
             raise error(f"{_named(point)}: its name is taken by {other}; rename it, or uninstall one")
-        found[point.name] = point
-    return found
+        points[point.name] = point
+    return points
 
 
 def loaded(point: EntryPoint, needed: Collection[str] = (), error: type[AtpidError] = AtpidError) -> Any:
@@ -36,19 +36,19 @@ def loaded(point: EntryPoint, needed: Collection[str] = (), error: type[AtpidErr
     Raises `error` where it cannot be imported, whatever the reason, or has not the attributes that are `needed`.
     """
     try:
-        found = point.load()
+        added = point.load()
     except Exception as problem:  # the package's own code, which may fail in any way
         reason = one_line(" ".join(f"{type(problem).__name__}: {problem}".split()))
         raise error(f"{_named(point)}: cannot be loaded: {reason}; reinstall or remove its package") from problem
-    if missing := [name for name in needed if not hasattr(found, name)]:
+    if missing := [name for name in needed if not hasattr(added, name)]:
         raise error(f"{_named(point)}: lacks {', '.join(missing)}; needed: {', '.join(needed)} (docs/extend.md)")
-    return found
+    return added
 
 
 def sources(group: str) -> list[Path]:
     """Return the files of the modules that the entry points of a group name; nothing of them is run."""
-    found = [find_spec(point.module) for point in installed(group).values()]
-    return [Path(spec.origin) for spec in found if spec is not None and spec.origin is not None]
+    specs = [find_spec(point.module) for point in installed(group).values()]
+    return [Path(spec.origin) for spec in specs if spec is not None and spec.origin is not None]
 
 
 def _points(group: str) -> list[EntryPoint]:

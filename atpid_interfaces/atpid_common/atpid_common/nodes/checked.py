@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from atpid_common.message_checks import check
 
 M = TypeVar("M")
-#: Takes a message, and what the middleware tells of it where there is a second argument.
+#: Takes a message, and what the middleware states of it where there is a second argument.
 Callback = Callable[[M], object] | Callable[[M, dict[str, int]], object]
 
 
